@@ -1,0 +1,35 @@
+"""Gymnasium environments with a hidden task, for meta-RL; importing the package registers them."""
+
+from sb3_bruno_envs.checker import check_meta_env
+from sb3_bruno_envs.half_cheetah import CheetahDirEnv, CheetahVelEnv, MetaHalfCheetahEnv
+from sb3_bruno_envs.meta_task import MetaTask
+from sb3_bruno_envs.observations import TaskObservation, TransitionObservation
+from sb3_bruno_envs.point_dir import PointDirEnv
+from sb3_bruno_envs.registration import register_envs
+from sb3_bruno_envs.tasks import (
+    CHEETAH_DIR_TASKS,
+    CHEETAH_VEL_TASKS,
+    POINT_DIR_TASKS,
+    TaskSampler,
+    TaskSet,
+    as_task_distribution,
+)
+
+__all__ = [
+    "CHEETAH_DIR_TASKS",
+    "CHEETAH_VEL_TASKS",
+    "POINT_DIR_TASKS",
+    "CheetahDirEnv",
+    "CheetahVelEnv",
+    "MetaHalfCheetahEnv",
+    "MetaTask",
+    "PointDirEnv",
+    "TaskObservation",
+    "TaskSampler",
+    "TaskSet",
+    "TransitionObservation",
+    "as_task_distribution",
+    "check_meta_env",
+]
+
+register_envs()

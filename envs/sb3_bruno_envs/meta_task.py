@@ -1,0 +1,146 @@
+"""The wrapper that gives an environment its hidden task, episode by episode; knows no observation format."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal, SupportsFloat, TypeAlias, get_args
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box
+from gymnasium.utils import RecordConstructorArgs
+
+from sb3_bruno_envs.tasks import Split, Task, TaskSet, as_task_distribution, check_split, check_task
+
+Draw: TypeAlias = Literal["random", "cycle", "fixed"]
+
+_TASK_STREAM = 1909  # spawn key of the task generator; an environment's own children have 0, 1, 2, ...
+
+
+class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """Gives a task at every reset: a drawn one, or the one in ``reset(options={"task": task})``.
+
+    The task is applied to ``env.unwrapped`` before the environment resets. It is privileged: the observation
+    never shows it, but every reset and step names it in ``info["task"]`` (float32, ``(dim,)``) and
+    ``info["task_index"]`` (its row in the split's finite set, or -1).
+
+    Tasks come from a generator of their own, spawned from the reset seed. It shares no number with the
+    environment's generator, so the first observation says nothing about the task.
+
+    Args:
+        env: the environment.
+        apply_task: called as ``apply_task(env.unwrapped, task)``; needed as soon as ``tasks`` is given.
+        tasks: a TaskSet, a TaskSampler, an array-like ``(n, dim)``, a callable that draws a task from a
+            generator, or None: the one constant task ``[0]``.
+        split: ``"train"`` or ``"test"``.
+        draw: ``"random"``; ``"cycle"``, in order from the first; or ``"fixed"``, the first one drawn or the
+            last one given by options, kept from then on. A reset with a seed starts each of them anew.
+        task_space: the Box that holds every task, also those given by options; None is that of ``tasks``.
+
+    Raises:
+        ValueError: if an argument is invalid, endless tasks shall cycle, or a task is outside ``task_space``.
+
+    Example:
+        >>> def set_gravity(pendulum, task):
+        ...     pendulum.g = float(task[0])
+        >>> env = MetaTask(gym.make("Pendulum-v1"), set_gravity, tasks=[[8.0], [10.0], [12.0]])
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        apply_task: Callable[[Any, Task], object] | None = None,
+        tasks: Any = None,
+        *,
+        split: Split = "train",
+        draw: Draw = "random",
+        task_space: Box | None = None,
+    ) -> None:
+        check_split(split)
+        if draw not in get_args(Draw):
+            raise ValueError(f"draw={draw!r} is unknown: use 'random', 'cycle' or 'fixed'.")
+        if apply_task is None and tasks is not None:
+            raise ValueError("apply_task=None cannot set the given tasks: pass apply_task(env.unwrapped, task).")
+        distribution = as_task_distribution(tasks, task_space)
+        if draw == "cycle" and not isinstance(distribution, TaskSet):
+            raise ValueError("draw='cycle' needs finite tasks: use draw='random', or give an array (n, dim).")
+        RecordConstructorArgs.__init__(
+            self, apply_task=apply_task, tasks=distribution, split=split, draw=draw, task_space=task_space
+        )
+        super().__init__(env)
+        self._apply_task = apply_task
+        self._distribution = distribution
+        self._split: Split = split
+        self._draw: Draw = draw
+        self._task: Task | None = None  # of the current episode
+        self._task_index = -1
+        self._kept: Task | None = None  # the task that draw="fixed" gives again
+        self._restart_drawing(seed=None)
+
+    @property
+    def task_space(self) -> Box:
+        """The Box that holds every task, float32, ``(dim,)``."""
+        return self._distribution.space
+
+    @property
+    def task(self) -> Task:
+        """The task of the current episode, ``(dim,)``.
+
+        Raises:
+            ResetNeeded: before the first reset.
+        """
+        if self._task is None:
+            raise ResetNeeded("The first task comes with the first reset: call reset before reading the task.")
+        return self._task.copy()
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Choose the task, apply it, then reset the environment; options other than ``"task"`` go on to it.
+
+        Raises:
+            ValueError: if the task in ``options`` is outside ``task_space``.
+        """
+        options = dict(options or {})
+        given = options.pop("task", None)
+        if given is not None:
+            given = check_task(given, self.task_space, "options['task']")
+        if seed is not None:
+            self._restart_drawing(seed)
+        self._task = self._next_task() if given is None else given
+        self._task_index = self._index_of(self._task)
+        if self._draw == "fixed":
+            self._kept = self._task
+        if self._apply_task is not None:
+            self._apply_task(self.env.unwrapped, self.task)
+        observation, info = self.env.reset(seed=seed, options=options or None)
+        return observation, self._with_task(info)
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Step the environment; the info of an episode's last step still names that episode's task."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return observation, reward, terminated, truncated, self._with_task(info)
+
+    def _restart_drawing(self, seed: int | None) -> None:
+        self._rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_TASK_STREAM,)))
+        self._cursor = 0  # the row that a cycle gives next
+        self._kept = None
+
+    def _next_task(self) -> Task:
+        if self._kept is not None:
+            return self._kept
+        if self._draw == "cycle" and isinstance(self._distribution, TaskSet):
+            tasks = self._distribution.tasks(self._split)
+            task: Task = tasks[self._cursor].copy()
+            self._cursor = (self._cursor + 1) % len(tasks)
+            return task
+        return self._distribution.draw(self._rng, self._split)
+
+    def _index_of(self, task: Task) -> int:
+        """The first row of the split's finite set that equals ``task``, or -1."""
+        if not isinstance(self._distribution, TaskSet):
+            return -1
+        rows = np.flatnonzero((self._distribution.tasks(self._split) == task).all(axis=1))
+        return int(rows[0]) if rows.size else -1
+
+    def _with_task(self, info: dict[str, Any]) -> dict[str, Any]:
+        return {**info, "task": self.task, "task_index": self._task_index}

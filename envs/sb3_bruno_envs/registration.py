@@ -1,0 +1,106 @@
+"""One Gymnasium id per task family, built by a function: environment, MetaTask, observation wrapper.
+
+A function, because ``gym.make`` hands its keyword arguments to the entry point alone. All take the same ones:
+
+- ``split``: ``"train"`` or ``"test"``;
+- ``tasks``: whatever MetaTask takes; None is the family's own tasks;
+- ``draw``: ``"random"``, ``"cycle"`` or ``"fixed"``, as in MetaTask;
+- ``observe``: ``"transition"`` (a Dict, see TransitionObservation), ``"task"`` (the oracle's, see
+  TaskObservation) or ``"plain"`` (the bare observation; the task is in ``info`` all the same);
+- ``task_space``: the Box that holds every task; None is the family's own, which does not depend on ``tasks``;
+- all others go to the environment, ``render_mode`` among them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal, TypeAlias, get_args
+
+import gymnasium as gym
+from gymnasium.spaces import Box
+
+from sb3_bruno_envs.half_cheetah import CheetahDirEnv, CheetahVelEnv
+from sb3_bruno_envs.meta_task import Draw, MetaTask
+from sb3_bruno_envs.observations import TaskObservation, TransitionObservation
+from sb3_bruno_envs.point_dir import PointDirEnv
+from sb3_bruno_envs.tasks import CHEETAH_DIR_TASKS, CHEETAH_VEL_TASKS, POINT_DIR_TASKS, Split, TaskSet
+
+Observe: TypeAlias = Literal["transition", "task", "plain"]
+
+
+def make_cheetah_dir(
+    *,
+    split: Split = "train",
+    tasks: Any = None,
+    draw: Draw = "random",
+    observe: Observe = "transition",
+    task_space: Box | None = None,
+    **env_kwargs: Any,
+) -> gym.Env[Any, Any]:
+    """The half-cheetah that should run in a hidden direction; a task is one-hot, ``(2,)``: back, forward."""
+    env, family = CheetahDirEnv(**env_kwargs), CHEETAH_DIR_TASKS
+    return _with_tasks(env, CheetahDirEnv.set_task, family, split, tasks, draw, observe, task_space)
+
+
+def make_cheetah_vel(
+    *,
+    split: Split = "train",
+    tasks: Any = None,
+    draw: Draw = "random",
+    observe: Observe = "transition",
+    task_space: Box | None = None,
+    **env_kwargs: Any,
+) -> gym.Env[Any, Any]:
+    """The half-cheetah that should run at a hidden velocity; a task is ``(1,)``, in m/s."""
+    env, family = CheetahVelEnv(**env_kwargs), CHEETAH_VEL_TASKS
+    return _with_tasks(env, CheetahVelEnv.set_task, family, split, tasks, draw, observe, task_space)
+
+
+def make_point_dir(
+    *,
+    split: Split = "train",
+    tasks: Any = None,
+    draw: Draw = "random",
+    observe: Observe = "transition",
+    task_space: Box | None = None,
+    **env_kwargs: Any,
+) -> gym.Env[Any, Any]:
+    """The point that should move in a hidden direction; a task is ``(2,)``, a unit vector."""
+    env, family = PointDirEnv(**env_kwargs), POINT_DIR_TASKS
+    return _with_tasks(env, PointDirEnv.set_task, family, split, tasks, draw, observe, task_space)
+
+
+def _with_tasks(
+    env: gym.Env[Any, Any],
+    set_task: Callable[[Any, Any], None],
+    family: TaskSet,
+    split: Split,
+    tasks: Any,
+    draw: Draw,
+    observe: Observe,
+    task_space: Box | None,
+) -> gym.Env[Any, Any]:
+    """``env`` in MetaTask, in the observation wrapper that ``observe`` names."""
+    if observe not in get_args(Observe):
+        raise ValueError(f"observe={observe!r} is unknown: use 'transition', 'task' or 'plain'.")
+    meta = MetaTask(
+        env,
+        set_task,
+        family if tasks is None else tasks,
+        split=split,
+        draw=draw,
+        task_space=family.space if task_space is None else task_space,
+    )
+    if observe == "transition":
+        return TransitionObservation(meta)
+    return TaskObservation(meta) if observe == "task" else meta
+
+
+def register_envs() -> None:
+    """Register the three ids; ``gym.make`` reads the render modes off the function, so each carries them."""
+    vars(make_cheetah_dir)["metadata"] = CheetahDirEnv.metadata
+    vars(make_cheetah_vel)["metadata"] = CheetahVelEnv.metadata
+    vars(make_point_dir)["metadata"] = PointDirEnv.metadata
+    gym.register("CheetahDir-v0", f"{__name__}:make_cheetah_dir", max_episode_steps=200)
+    gym.register("CheetahVel-v0", f"{__name__}:make_cheetah_vel", max_episode_steps=200)
+    gym.register("PointDir-v0", f"{__name__}:make_point_dir", max_episode_steps=30)

@@ -1,0 +1,193 @@
+"""Where tasks come from: finite sets and endless samplers, split into train and test; knows no environment.
+
+A task is a float32 vector of shape ``(dim,)``. Every distribution states the Box that its tasks live in
+(``space``) and draws a task from a generator that the caller owns (``draw``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import ArrayLike, NDArray
+
+Task: TypeAlias = NDArray[np.float32]
+Split: TypeAlias = Literal["train", "test"]
+Sample: TypeAlias = Callable[[np.random.Generator], ArrayLike]
+
+
+class TaskSet:
+    """A finite set of tasks per split, drawn uniformly.
+
+    Args:
+        train: the training tasks, ``(n, dim)``.
+        test: the test tasks, ``(m, dim)``; without them the training tasks serve both splits.
+        space: a one-dimensional Box that holds every task; without it, the bounding box of both splits.
+
+    Raises:
+        ValueError: if the tasks are empty, ragged, not finite, of different dimensions or outside ``space``.
+
+    Example:
+        >>> directions = TaskSet([[-1.0], [1.0]])
+        >>> directions.tasks("test").shape
+        (2, 1)
+    """
+
+    def __init__(self, train: ArrayLike, test: ArrayLike | None = None, *, space: Box | None = None) -> None:
+        self._train = _task_matrix(train, "train")
+        self._test = self._train if test is None else _task_matrix(test, "test")
+        if self._train.shape[1] != self._test.shape[1]:
+            raise ValueError(
+                f"train tasks have {self._train.shape[1]} dimensions, test tasks {self._test.shape[1]}: "
+                "give both the same number of columns."
+            )
+        both = np.concatenate([self._train, self._test])  # (n + m, dim)
+        self.space = Box(both.min(axis=0), both.max(axis=0)) if space is None else _task_box(space)
+        for task in both:
+            check_task(task, self.space, "a task of the set")
+
+    def tasks(self, split: Split = "train") -> NDArray[np.float32]:
+        """All tasks of a split, ``(n, dim)``, in the given order; read-only."""
+        check_split(split)
+        return self._train if split == "train" else self._test
+
+    def draw(self, rng: np.random.Generator, split: Split = "train") -> Task:
+        """One task of the split, ``(dim,)``, each as likely as the others."""
+        tasks = self.tasks(split)
+        task: Task = tasks[rng.integers(len(tasks))].copy()
+        return task
+
+    def __eq__(self, other: object) -> bool:
+        """Equal in both splits and the space: rebuilding an environment from its spec compares the tasks."""
+        if not isinstance(other, TaskSet):
+            return NotImplemented
+        same_train = np.array_equal(self._train, other._train)
+        return same_train and np.array_equal(self._test, other._test) and self.space == other.space
+
+    def __hash__(self) -> int:
+        return hash((self._train.tobytes(), self._test.tobytes()))
+
+    def __repr__(self) -> str:
+        return f"TaskSet({len(self._train)} train, {len(self._test)} test, {self.space})"
+
+
+@dataclass(frozen=True)
+class TaskSampler:
+    """An endless distribution of tasks: a function from a generator to a task.
+
+    Args:
+        sample: draws one training task, ``(dim,)``, from the generator that it is given.
+        space: a one-dimensional Box that holds every task; cast to float32.
+        test_sample: draws one test task; without it, ``sample`` serves both splits.
+
+    Raises:
+        ValueError: if ``space`` is not a one-dimensional Box.
+
+    Example:
+        >>> speeds = TaskSampler(lambda rng: rng.uniform(0.0, 3.0, size=1), Box(0.0, 3.0, (1,)))
+    """
+
+    sample: Sample
+    space: Box
+    test_sample: Sample | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "space", _task_box(self.space))
+
+    def draw(self, rng: np.random.Generator, split: Split = "train") -> Task:
+        """One task of the split, ``(dim,)``.
+
+        Raises:
+            ValueError: if the function gives a task outside ``space``.
+        """
+        check_split(split)
+        sample = self.test_sample if split == "test" and self.test_sample is not None else self.sample
+        return check_task(sample(rng), self.space, f"the sampled {split} task")
+
+
+TaskDistribution: TypeAlias = TaskSet | TaskSampler
+
+
+def as_task_distribution(tasks: Any, space: Box | None = None) -> TaskDistribution:
+    """The distribution that ``tasks`` describes.
+
+    Args:
+        tasks: None (the one constant task ``[0]``), an array-like ``(n, dim)``, a callable that draws a task
+            from a generator, a TaskSet or a TaskSampler.
+        space: the Box that holds every task. A callable needs it; it replaces the space that others state.
+
+    Raises:
+        ValueError: if the tasks are invalid or outside ``space``, or a callable comes without ``space``.
+    """
+    if isinstance(tasks, TaskSet):
+        return tasks if space is None else TaskSet(tasks.tasks("train"), tasks.tasks("test"), space=space)
+    if isinstance(tasks, TaskSampler):
+        return tasks if space is None else replace(tasks, space=space)
+    if callable(tasks):
+        if space is None:
+            raise ValueError(f"tasks is a callable, {tasks!r}: give task_space too, a Box of all it draws.")
+        return TaskSampler(tasks, space)
+    return TaskSet([[0.0]] if tasks is None else tasks, space=space)
+
+
+def check_split(split: str) -> None:
+    """Raise a ValueError unless ``split`` is one of the two splits."""
+    if split not in get_args(Split):
+        raise ValueError(f"split={split!r} is unknown: use 'train' or 'test'.")
+
+
+def check_task(task: ArrayLike, space: Box, name: str) -> Task:
+    """``task`` as a new float32 vector ``(dim,)`` of ``space``.
+
+    Raises:
+        ValueError: if its shape is not that of the space, or a value is not finite or outside the bounds.
+    """
+    try:
+        vector = np.array(task, dtype=np.float32)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} is {task!r}: give numbers, of shape {space.shape}.") from error
+    if vector.shape != space.shape:
+        raise ValueError(f"{name} has shape {vector.shape}: give the shape of the task space, {space.shape}.")
+    if not np.isfinite(vector).all() or not space.contains(vector):
+        raise ValueError(f"{name} is {vector}, outside {space}: choose one inside, or widen task_space.")
+    return vector
+
+
+def _task_matrix(tasks: ArrayLike, name: str) -> NDArray[np.float32]:
+    """``tasks`` as a read-only float32 array ``(n, dim)``, or a ValueError that names the argument."""
+    try:
+        matrix = np.array(tasks, dtype=np.float32)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} tasks are not an array of numbers: give (n, dim), all rows alike.") from error
+    if matrix.ndim != 2 or matrix.size == 0:
+        raise ValueError(
+            f"{name} tasks have shape {matrix.shape}: give at least one, as an array (n, dim); "
+            "np.reshape(tasks, (-1, 1)) makes it of n numbers."
+        )
+    bad = np.flatnonzero(~np.isfinite(matrix).all(axis=1)).tolist()
+    if bad:
+        raise ValueError(f"{name} tasks hold NaN or infinity in rows {bad}: remove these rows.")
+    matrix.setflags(write=False)
+    return matrix
+
+
+def _task_box(space: Box) -> Box:
+    """``space`` with float32 bounds, or a ValueError when it is not a one-dimensional Box."""
+    if not isinstance(space, Box) or len(space.shape) != 1:
+        raise ValueError(f"the task space is {space!r}: give a Box of shape (dim,).")
+    return Box(space.low.astype(np.float32), space.high.astype(np.float32))
+
+
+CHEETAH_DIR_TASKS = TaskSet([[1.0, 0.0], [0.0, 1.0]])
+"""One-hot directions: index 0 is backward (-1), index 1 forward (+1); train and test are the same."""
+
+_VELOCITIES = np.random.RandomState(1337).uniform(0.0, 3.0, 130).round(4).reshape(-1, 1)
+
+CHEETAH_VEL_TASKS = TaskSet(_VELOCITIES[:100], _VELOCITIES[100:], space=Box(0.0, 3.0, (1,)))
+"""Target velocities in m/s, those of the BrunoSAC paper: 100 to train, 30 to test."""
+
+POINT_DIR_TASKS = TaskSet([[-1.0, 0.0], [1.0, 0.0]], space=Box(-1.0, 1.0, (2,)))
+"""Left and right, as unit vectors in the plane; train and test are the same. ``tasks`` may name others."""

@@ -1,0 +1,100 @@
+"""What the agent believes, for people to read: beliefs and predictions in the env's own units."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch as th
+from numpy.typing import ArrayLike, NDArray
+from stable_baselines3.common.vec_env import VecNormalize
+from torch.distributions import Distribution
+
+from sb3_bruno.encoders import Outcomes, Statistics, Transitions
+from sb3_bruno.policies import State, TaskInferencePolicy
+
+
+class TaskBelief(NamedTuple):
+    """A belief over the hidden task.
+
+    :ivar posterior: p(theta | transitions), batch shape (..., latent_dim)
+    :ivar statistics: what the encoder keeps of the transitions
+    """
+
+    posterior: Distribution
+    statistics: Statistics
+
+    @property
+    def mean(self) -> NDArray[np.float32]:
+        """Mean of theta, shape (..., latent_dim)."""
+        return np.asarray(self.posterior.mean.cpu().numpy())
+
+    @property
+    def var(self) -> NDArray[np.float32]:
+        """Variance of theta, shape (..., latent_dim)."""
+        return np.asarray(self.posterior.variance.cpu().numpy())
+
+
+class AgentView:
+    """Between the env's own units and what the agent observes: scaled actions, normalised observations.
+
+    :param policy: the policy, which knows the action's bounds and the encoder
+    :param vec_normalize: the VecNormalize of the training env, if there is one
+    """
+
+    def __init__(self, policy: TaskInferencePolicy, vec_normalize: VecNormalize | None) -> None:
+        self.policy = policy
+        self.encoder = policy.encoder
+        self.vec_normalize = vec_normalize
+
+    def infer(self, transitions: Transitions) -> TaskBelief:
+        """The belief of a set of transitions, whatever their order.
+
+        :param transitions: arrays or tensors of shape (..., time, dim); no transitions (time 0) give the prior
+        """
+        observed = self.observe(*transitions)
+        with th.no_grad():
+            noise = self.encoder.draw_noise(observed.rewards.shape[:-1], deterministic=True)
+            statistics = tuple(one[..., -1, :] for one in self.encoder.prefixes(observed, noise))
+            return TaskBelief(self.encoder.posterior(statistics), statistics)
+
+    def carried(self, state: State) -> TaskBelief:
+        """The belief in a state that ``predict`` returned, batch shape (n_envs,)."""
+        statistics = tuple(th.as_tensor(one, device=self.policy.device) for one in state[:-1])
+        with th.no_grad():
+            return TaskBelief(self.encoder.posterior(statistics), statistics)
+
+    def outcomes(self, belief: TaskBelief, observations: ArrayLike, actions: ArrayLike, n_samples: int) -> Outcomes:
+        """Samples of rewards and next observations after ``actions`` at ``observations``."""
+        here = self.observe(observations, actions, np.zeros((*np.shape(actions)[:-1], 1)), observations)
+        with th.no_grad():
+            samples = self.encoder.outcomes(belief.statistics, here.observations, here.actions, n_samples)
+        return self._unnormalize(samples)
+
+    def observe(
+        self, observations: ArrayLike, actions: ArrayLike, rewards: ArrayLike, next_observations: ArrayLike
+    ) -> Transitions:
+        """Transitions in the env's units (..., dim) as the agent observes them."""
+        arrival: Any = {
+            "observation": np.asarray(next_observations, dtype=np.float32),
+            "action": self.policy.scale_action(np.asarray(actions, dtype=np.float32)),
+            "reward": np.asarray(rewards, dtype=np.float32),
+            "episode_start": np.zeros_like(rewards, dtype=np.float32),
+        }
+        observation: Any = np.asarray(observations, dtype=np.float32)
+        if self.vec_normalize is not None:
+            observation = self.vec_normalize.normalize_obs({**arrival, "observation": observation})["observation"]
+            arrival = self.vec_normalize.normalize_obs(arrival)
+        parts = (observation, arrival["action"], arrival["reward"], arrival["observation"])
+        return Transitions(*(th.as_tensor(one, dtype=th.float32, device=self.policy.device) for one in parts))
+
+    def _unnormalize(self, samples: Outcomes) -> Outcomes:
+        if self.vec_normalize is None:
+            return samples
+        modelled = {"reward": samples.rewards, "observation": samples.next_observations}
+        arrays: Any = {key: np.zeros(1) if one is None else one.cpu().numpy() for key, one in modelled.items()}
+        arrays = self.vec_normalize.unnormalize_obs({**arrays, "action": np.zeros(1), "episode_start": np.zeros(1)})
+        rewards, next_observations = (
+            None if one is None else th.as_tensor(arrays[key], dtype=th.float32) for key, one in modelled.items()
+        )
+        return Outcomes(rewards, next_observations)

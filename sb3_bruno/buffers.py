@@ -1,0 +1,290 @@
+"""A replay buffer grouped by task, whose samples are extended observations [observation | belief | task].
+
+It knows the encoder only when it samples: beliefs are never stored, they are computed afresh with the encoder of
+that moment.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+import torch as th
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
+from stable_baselines3.common.vec_env import VecNormalize
+
+from sb3_bruno.encoders import TaskEncoder, Transitions
+from sb3_bruno.extended_obs import ExtendedObs
+from sb3_bruno.task_index import SlotQueue, TaskIndex
+
+Context = Literal["iid", "recent", "episode"]
+Slots = NDArray[np.int64]
+
+
+class TaskReplayBuffer(ReplayBuffer):
+    """Replay buffer of transitions grouped by the task in ``info["task"]``.
+
+    Rows are kept in a ring, as in SB3: once ``buffer_size`` transitions are in, the oldest are overwritten, of
+    whatever task. A task whose last transition goes is no longer sampled.
+
+    A sample is ``n_sequences`` tasks, drawn uniformly with replacement, with a sequence of transitions each. The
+    belief at a transition is that of the transitions before it in its sequence; ``context`` says which those are:
+
+    - ``"iid"``: drawn i.i.d. with replacement from all transitions of the task, as in the paper
+    - ``"recent"``: the same, from the task's last ``n_recent`` transitions
+    - ``"episode"``: what the agent had itself seen at that step, in its order (an episode whose first rows were
+      overwritten begins at the first that is left)
+
+    :param buffer_size: number of transitions, over all environments
+    :param observation_space: the Dict of ``TransitionObservation``
+    :param action_space: action space
+    :param device: PyTorch device of the samples
+    :param n_envs: number of environments
+    :param optimize_memory_usage: not supported, raises
+    :param handle_timeout_termination: do not treat a time limit as termination
+    :param n_sequences: tasks per sample
+    :param sequence_length: transitions per task in ``"iid"`` and ``"recent"`` sequences
+    :param context: which transitions a belief rests on
+    :param n_recent: with ``context="recent"``, how many transitions of a task count as recent
+    :raises ValueError: if an argument is out of its range, or ``optimize_memory_usage`` is asked for
+    """
+
+    def __init__(
+        self,
+        buffer_size: int,
+        observation_space: spaces.Dict,
+        action_space: spaces.Space[Any],
+        device: th.device | str = "auto",
+        n_envs: int = 1,
+        optimize_memory_usage: bool = False,
+        handle_timeout_termination: bool = True,
+        *,
+        n_sequences: int = 16,
+        sequence_length: int = 64,
+        context: Context = "iid",
+        n_recent: int = 1_000,
+    ) -> None:
+        if optimize_memory_usage:
+            raise ValueError(
+                "`optimize_memory_usage=True` is not supported: the last observation of an episode would be lost. "
+                "Lower `buffer_size` instead."
+            )
+        for name, value in {
+            "n_sequences": n_sequences,
+            "sequence_length": sequence_length,
+            "n_recent": n_recent,
+        }.items():
+            if value < 1:
+                raise ValueError(f"`{name}` must be at least 1, got {value}.")
+        if context not in ("iid", "recent", "episode"):
+            raise ValueError(f"`context` must be 'iid', 'recent' or 'episode', got {context!r}.")
+        super().__init__(
+            buffer_size,
+            observation_space["observation"],
+            action_space,
+            device,
+            n_envs,
+            handle_timeout_termination=handle_timeout_termination,
+        )
+        self.n_sequences = n_sequences
+        self.sequence_length = sequence_length
+        self.context = context
+        self.n_recent = n_recent
+        self.rng = np.random.default_rng(np.random.randint(2**31))  # noqa: NPY002  # which SB3 seeds
+        self.tasks = TaskIndex(self.buffer_size * n_envs)
+        self.episode_steps = np.zeros((self.buffer_size, n_envs), dtype=np.int32)
+        self._running_lengths = np.zeros(n_envs, dtype=np.int64)
+        self._encoder: TaskEncoder | None = None
+
+    def set_encoder(self, encoder: TaskEncoder, layout: ExtendedObs) -> None:
+        """Bind what samples are made with. Neither is pickled: bind again after unpickling."""
+        self._encoder = encoder
+        self._layout = layout
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {key: value for key, value in self.__dict__.items() if key not in ("_encoder", "_layout")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._encoder = None
+
+    def reset(self) -> None:
+        super().reset()
+        self.tasks = TaskIndex(self.buffer_size * self.n_envs)
+        self._running_lengths[:] = 0
+
+    # -- storing ---------------------------------------------------------------------------------------------
+
+    def add(  # type: ignore[override]  # observations are a Dict here, flat in the parent
+        self,
+        obs: dict[str, NDArray[Any]],
+        next_obs: dict[str, NDArray[Any]],
+        action: NDArray[Any],
+        reward: NDArray[Any],
+        done: NDArray[Any],
+        infos: list[dict[str, Any]],
+    ) -> None:
+        """Store one transition per environment.
+
+        :raises ValueError: if an info has no ``"task"``
+        """
+        if not all("task" in info for info in infos):
+            raise ValueError(
+                'A step info has no "task": wrap the env in `sb3_bruno_envs.MetaTask`, or put the task vector there.'
+            )
+        first_slot = self.pos * self.n_envs
+        for i, info in enumerate(infos):
+            # + 0.0 makes -0.0 and 0.0 the same task
+            self.tasks.put(first_slot + i, np.asarray(info["task"], dtype=np.float32).ravel() + np.float32(0.0))
+        self.episode_steps[self.pos] = self._running_lengths
+        self._running_lengths = np.where(done, 0, self._running_lengths + 1)
+        super().add(obs["observation"], next_obs["observation"], action, reward, done, infos)
+
+    def cut_episodes(self) -> None:
+        """The envs were reset from outside: what comes next begins new episodes."""
+        self._running_lengths[:] = 0
+
+    # -- sampling --------------------------------------------------------------------------------------------
+
+    def sample(self, batch_size: int, env: VecNormalize | None = None) -> ReplayBufferSamples:
+        """Sample transitions between extended observations.
+
+        :param batch_size: number of transitions, spread evenly over the sequences
+        :param env: the VecNormalize, if any, that normalises as it does in the rollouts
+        :return: observations and next observations (batch_size, extended dim), the rest as in SB3
+        :raises RuntimeError: if the buffer is empty or no encoder is bound
+        """
+        if self._encoder is None:
+            raise RuntimeError("No encoder is bound: call `set_encoder` before `sample`.")
+        slots, lengths, tasks = self._context_slots(min(self.n_sequences, batch_size))
+        row, step = self._spread(batch_size, lengths, slots.shape[1])
+        transitions = self.transitions(slots, env)
+        with th.no_grad():
+            noise = self._encoder.draw_noise(slots.shape)
+            belief = self._encoder.belief(self._encoder.prefixes(transitions, noise))  # (sequences, time + 1, dim)
+        task = self.to_torch(tasks[row])
+        slot = slots[row, step]
+        return ReplayBufferSamples(
+            observations=self._layout.join(transitions.observations[row, step], belief[row, step], task),
+            actions=self.to_torch(self._flat(self.actions)[slot]),
+            next_observations=self._layout.join(transitions.next_observations[row, step], belief[row, step + 1], task),
+            dones=self.to_torch((self._flat(self.dones) * (1 - self._flat(self.timeouts)))[slot, None]),
+            rewards=self.to_torch(self._normalize_reward(self._flat(self.rewards)[slot, None], env)),
+        )
+
+    def sample_sequences(self, n_sequences: int, env: VecNormalize | None = None) -> Transitions:
+        """Sequences of transitions of one task each, exchangeable: what the encoder learns from.
+
+        :return: transitions of shape (n_sequences, sequence_length, dim)
+        :raises RuntimeError: if the buffer is empty
+        """
+        slots, _ = self._exchangeable_slots(n_sequences)
+        return self.transitions(slots, env)
+
+    def running_episodes(self) -> tuple[Slots, Slots]:
+        """The episodes that still run, from their first transition that is left.
+
+        :return: slots (n_envs, longest), rows padded with their last slot, and the lengths (n_envs,)
+        """
+        last_rows = np.full(self.n_envs, (self.pos - 1) % self.buffer_size)
+        return self._episode_slots(last_rows, np.arange(self.n_envs), self._running_lengths)
+
+    def transitions(self, slots: Slots, env: VecNormalize | None = None) -> Transitions:
+        """The transitions in ``slots`` as the agent observed them: normalised if ``env`` normalises them.
+
+        :param slots: shape (...)
+        :return: transitions of shape (..., dim)
+        """
+        observation = self._flat(self.observations)[slots].reshape(*slots.shape, -1)
+        arrival: Any = {
+            "observation": self._flat(self.next_observations)[slots].reshape(*slots.shape, -1),
+            "action": self._flat(self.actions)[slots],
+            "reward": self._flat(self.rewards)[slots][..., None],
+            "episode_start": np.zeros((*slots.shape, 1), dtype=np.float32),
+        }
+        if env is not None and env.norm_obs:
+            observation = env.normalize_obs({**arrival, "observation": observation})["observation"]
+            arrival = env.normalize_obs(arrival)
+        return Transitions(
+            *(
+                self.to_torch(one, copy=False).float()
+                for one in (observation, arrival["action"], arrival["reward"], arrival["observation"])
+            )
+        )
+
+    # -- which slots -----------------------------------------------------------------------------------------
+
+    def _flat(self, array: NDArray[Any]) -> NDArray[Any]:
+        """A view with one slot per row: (rows, n_envs, ...) -> (rows * n_envs, ...); slot = row * n_envs + env."""
+        return array.reshape(-1, *array.shape[2:])
+
+    def _context_slots(self, n_sequences: int) -> tuple[Slots, Slots, NDArray[np.float32]]:
+        """Slots (n_sequences, time), how many of each row are real (n_sequences,), tasks (n_sequences, task_dim)."""
+        if self.context != "episode":
+            slots, tasks = self._exchangeable_slots(n_sequences)
+            return slots, np.full(n_sequences, slots.shape[1]), tasks
+        queues = self._draw_tasks(n_sequences)
+        drawn = np.array([queue.slots[self.rng.integers(len(queue))] for queue in queues], dtype=np.int64)
+        rows, envs = drawn // self.n_envs, drawn % self.n_envs
+        last_rows = self._last_row_of_episode(rows, envs)
+        lengths = self.episode_steps[last_rows, envs].astype(np.int64) + 1
+        slots, lengths = self._episode_slots(last_rows, envs, lengths)
+        return slots, lengths, np.stack([queue.task for queue in queues])
+
+    def _exchangeable_slots(self, n_sequences: int) -> tuple[Slots, NDArray[np.float32]]:
+        """Slots drawn i.i.d. within each task (n_sequences, sequence_length), tasks (n_sequences, task_dim)."""
+        queues = self._draw_tasks(n_sequences)
+        fractions = self.rng.random((n_sequences, self.sequence_length))
+        slots = np.empty(fractions.shape, dtype=np.int64)
+        for row, queue in enumerate(queues):
+            pool = queue.slots[-self.n_recent :] if self.context == "recent" else queue.slots
+            slots[row] = pool[(fractions[row] * len(pool)).astype(np.int64)]
+        return slots, np.stack([queue.task for queue in queues])
+
+    def _draw_tasks(self, n_sequences: int) -> list[SlotQueue]:
+        if len(self.tasks) == 0:
+            raise RuntimeError("The replay buffer is empty: collect transitions before sampling.")
+        return self.tasks.draw(n_sequences, self.rng)
+
+    def _last_row_of_episode(self, rows: Slots, envs: Slots) -> Slots:
+        """The last row, so far, of the episodes that hold given transitions. All shapes (n,).
+
+        Within an episode the step counts up with the row, so row + k belongs to it while its step is step + k.
+        Example: steps [3 4 5 0 1], row 1: k = 1 holds (5 = 4 + 1), k = 2 does not (0), so the last row is 2. Once
+        it fails it fails for good, so k is found by bisection.
+        """
+        steps = self.episode_steps[rows, envs]
+        low, high = np.zeros_like(rows), (self.pos - 1 - rows) % self.buffer_size
+        while (low < high).any():
+            middle = (low + high + 1) // 2
+            same = self.episode_steps[(rows + middle) % self.buffer_size, envs] == steps + middle
+            low, high = np.where(same, middle, low), np.where(same, high, middle - 1)
+        return (rows + low) % self.buffer_size
+
+    def _episode_slots(self, last_rows: Slots, envs: Slots, lengths: Slots) -> tuple[Slots, Slots]:
+        """The slots of ``lengths`` rows up to ``last_rows``, as far as they are left, padded with the last.
+
+        :return: slots (n, longest), lengths that are left (n,)
+        """
+        oldest = self.pos if self.full else 0
+        lengths = np.minimum(lengths, (last_rows - oldest) % self.buffer_size + 1)
+        steps = np.minimum(np.arange(max(lengths.max(), 1)), np.maximum(lengths - 1, 0)[:, None])
+        rows = (last_rows - np.maximum(lengths - 1, 0))[:, None] + steps
+        return rows % self.buffer_size * self.n_envs + envs[:, None], lengths
+
+    def _spread(self, batch_size: int, lengths: Slots, time: int) -> tuple[Slots, Slots]:
+        """``batch_size`` places (row, step), spread evenly over the rows, with as few repeats in a row as can be.
+
+        Example: 5 places in 2 rows of 4 real steps: rows 0 1 0 1 0, the steps of each row without repetition.
+        """
+        n_rows = len(lengths)
+        per_row = -(-batch_size // n_rows)
+        padding = np.arange(time) >= lengths[:, None]
+        order = np.argsort(self.rng.random((n_rows, time)) + padding, axis=1)  # real steps first, shuffled
+        turn = np.arange(per_row) % lengths[:, None]  # a row shorter than per_row goes round again
+        steps = np.take_along_axis(order, turn, axis=1)
+        row = np.tile(np.arange(n_rows), per_row)[:batch_size]
+        return row, steps.T.ravel()[:batch_size]

@@ -1,0 +1,110 @@
+"""What the algorithm asks of a task encoder: statistics that absorb transitions, and the belief read off them.
+
+Torch only. An encoder knows transitions, not environments, buffers or policies.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import torch as th
+from torch import Tensor, nn
+from torch.distributions import Distribution
+
+Statistics = tuple[Tensor, ...]
+"""What an encoder keeps of the transitions absorbed: tensors of shape (..., anything), batch dimensions first."""
+
+
+class Transitions(NamedTuple):
+    """A batch of transitions (s, a, r, s') in the form in which the agent observes them.
+
+    :ivar observations: s, shape (..., observation_dim)
+    :ivar actions: a, scaled to [-1, 1], shape (..., action_dim)
+    :ivar rewards: r, shape (..., 1)
+    :ivar next_observations: s', shape (..., observation_dim)
+    """
+
+    observations: Tensor
+    actions: Tensor
+    rewards: Tensor
+    next_observations: Tensor
+
+
+class Outcomes(NamedTuple):
+    """Monte Carlo samples of what follows an action, in data space.
+
+    :ivar rewards: shape (samples, ..., 1), or None where the encoder does not model rewards
+    :ivar next_observations: shape (samples, ..., observation_dim), or None where it does not model them
+    """
+
+    rewards: Tensor | None
+    next_observations: Tensor | None
+
+    def mean(self) -> Outcomes:
+        """The mean over the samples, shapes (..., dim)."""
+        return Outcomes(*(None if one is None else one.mean(dim=0) for one in self))
+
+    def quantile(self, q: float) -> Outcomes:
+        """The q-quantile over the samples, each dimension by itself, shapes (..., dim)."""
+        return Outcomes(*(None if one is None else one.quantile(q, dim=0) for one in self))
+
+
+class Bound(NamedTuple):
+    """What an encoder's update maximises.
+
+    :ivar nats: lower bound on log p(what is modelled | the rest), in nats per transition, a scalar
+    :ivar log_det: mean log-determinant of the flow, in nats per transition, a scalar
+    """
+
+    nats: Tensor
+    log_det: Tensor
+
+
+class TaskEncoder(nn.Module, ABC):
+    """Infers the hidden task from transitions.
+
+    :ivar belief_dim: size of the vector that stands for the belief in the extended observation
+    :ivar noise_dim: size of the noise that augments each transition, 0 for none
+    """
+
+    belief_dim: int
+    noise_dim: int
+
+    def draw_noise(self, batch_shape: tuple[int, ...], *, deterministic: bool = False) -> Tensor:
+        """Standard normal noise for as many transitions, or zeros. Shape (*batch_shape, noise_dim)."""
+        like = next(self.parameters())
+        draw = th.zeros if deterministic else th.randn
+        return draw(*batch_shape, self.noise_dim, dtype=like.dtype, device=like.device)
+
+    @abstractmethod
+    def empty(self, batch_shape: tuple[int, ...] = ()) -> Statistics:
+        """The statistics of no transitions: the prior."""
+
+    @abstractmethod
+    def absorb(self, statistics: Statistics, transitions: Transitions, noise: Tensor) -> Statistics:
+        """The statistics after one more transition each. Transitions (..., dim), noise (..., noise_dim)."""
+
+    @abstractmethod
+    def prefixes(self, transitions: Transitions, noise: Tensor) -> Statistics:
+        """The statistics of the first 0, 1, ..., time transitions: (..., time, dim) -> (..., time + 1, ...)."""
+
+    @abstractmethod
+    def belief(self, statistics: Statistics) -> Tensor:
+        """The belief as a vector for actor and critics, shape (..., belief_dim)."""
+
+    @abstractmethod
+    def posterior(self, statistics: Statistics) -> Distribution:
+        """p(theta | transitions absorbed), batch shape (..., latent_dim)."""
+
+    @abstractmethod
+    def bound(self, transitions: Transitions) -> Bound:
+        """The objective on sequences that each come from one task, (batch, time, dim)."""
+
+    @abstractmethod
+    def outcomes(self, statistics: Statistics, observations: Tensor, actions: Tensor, n_samples: int) -> Outcomes:
+        """Samples of what follows ``actions`` at ``observations``, given the transitions absorbed."""
+
+    @abstractmethod
+    def diagnostics(self) -> dict[str, float]:
+        """Scalars worth a line in the log, by name."""

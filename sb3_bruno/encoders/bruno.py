@@ -1,0 +1,136 @@
+"""BRUNO: a conditional flow with an exchangeable Gaussian process in its latent space.
+
+    y = (r, s', eps), x = (s, a), z = flow(y | x), theta ~ N(0, rho), z_i | theta ~ N(theta, v - rho)
+
+so the transitions seen so far give an exact Gaussian belief over theta, whatever their order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Literal
+
+import torch as th
+from torch import Tensor
+from torch.distributions import Normal
+from zuko.lazy import Flow
+
+from sb3_bruno.encoders.base import Bound, Outcomes, Statistics, TaskEncoder, Transitions
+from sb3_bruno.exchangeable import ExchangeableGaussian
+from sb3_bruno.exchangeable import Statistics as LatentStatistics
+from sb3_bruno.flow import ConditionalFlow, Latents, paper_maf
+
+NOISE_ENTROPY = 0.5 * math.log(2 * math.pi * math.e)
+"""Entropy of one standard normal noise dimension, in nats."""
+
+
+class BrunoEncoder(TaskEncoder):
+    r"""Creates the BRUNO task encoder.
+
+    Reference: Korshunova et al., Exchangeable Models in Meta Reinforcement Learning (2020), sections 2.1 to 2.3.
+
+    :param observation_dim: dimension of the (flattened) observation s
+    :param action_dim: dimension of the action a
+    :param modelled: what y holds: ``"rewards"`` (tasks that differ in their rewards alone),
+        ``"next_observations"`` (in their dynamics alone), or ``"both"``
+    :param extra_dims: noise dimensions that augment y (section 2.2). None: 4, as in the paper, where the reward
+        is modelled alone, and 0 otherwise
+    :param flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``
+    :param flow_kwargs: further arguments of ``flow_class``
+    :param belief: what actor and critics see of the posterior: ``"mean_var"`` or ``"mean"``
+    :raises ValueError: if ``modelled`` or ``belief`` is none of the above, or ``extra_dims`` is negative
+    """
+
+    def __init__(
+        self,
+        observation_dim: int,
+        action_dim: int,
+        *,
+        modelled: Literal["rewards", "next_observations", "both"] = "rewards",
+        extra_dims: int | None = None,
+        flow_class: Callable[..., Flow] = paper_maf,
+        flow_kwargs: dict[str, Any] | None = None,
+        belief: Literal["mean_var", "mean"] = "mean_var",
+    ) -> None:
+        super().__init__()
+        if modelled not in ("rewards", "next_observations", "both"):
+            raise ValueError(f"`modelled` must be 'rewards', 'next_observations' or 'both', got {modelled!r}.")
+        if belief not in ("mean_var", "mean"):
+            raise ValueError(f"`belief` must be 'mean_var' or 'mean', got {belief!r}.")
+        if extra_dims is None:
+            extra_dims = 4 if modelled == "rewards" else 0
+        if extra_dims < 0:
+            raise ValueError(f"`extra_dims` must not be negative, got {extra_dims}.")
+        self._reward_dim = 0 if modelled == "next_observations" else 1
+        self._next_observation_dim = 0 if modelled == "rewards" else observation_dim
+        self._belief = belief
+        self.noise_dim = extra_dims
+        self.latent_dim = self._reward_dim + self._next_observation_dim + extra_dims
+        self.belief_dim = 2 * self.latent_dim if belief == "mean_var" else self.latent_dim
+        self.flow = ConditionalFlow(self.latent_dim, observation_dim + action_dim, flow_class, flow_kwargs)
+        self.process = ExchangeableGaussian(self.latent_dim)
+
+    def latents(self, transitions: Transitions, noise: Tensor) -> Latents:
+        """z = flow(y | x) of each transition. (..., dim) and noise (..., noise_dim) -> (..., latent_dim), (...)"""
+        modelled = [noise]
+        if self._next_observation_dim:
+            modelled.insert(0, transitions.next_observations)
+        if self._reward_dim:
+            modelled.insert(0, transitions.rewards)
+        x = th.cat([transitions.observations, transitions.actions], dim=-1)
+        latents: Latents = self.flow(th.cat(modelled, dim=-1), x)
+        return latents
+
+    def empty(self, batch_shape: tuple[int, ...] = ()) -> Statistics:
+        return self.process.empty(batch_shape)
+
+    def absorb(self, statistics: Statistics, transitions: Transitions, noise: Tensor) -> Statistics:
+        one_more = self.process.observe(self.latents(transitions, noise).z)
+        return LatentStatistics(*statistics).merge(one_more)
+
+    def prefixes(self, transitions: Transitions, noise: Tensor) -> Statistics:
+        return self.process.prefixes(self.latents(transitions, noise).z)
+
+    def posterior(self, statistics: Statistics) -> Normal:
+        return self.process.posterior(LatentStatistics(*statistics))
+
+    def belief(self, statistics: Statistics) -> Tensor:
+        theta = self.posterior(statistics)
+        return theta.mean if self._belief == "mean" else th.cat([theta.mean, theta.variance], dim=-1)
+
+    def bound(self, transitions: Transitions) -> Bound:
+        r"""Eq. 4: every transition of a sequence under the predictive given its first k, the k included.
+
+        .. math:: \frac{1}{T} \sum_t \log p(y_t, \epsilon_t \mid x_t, \tau_{1:k}) + H(\epsilon), \quad
+            k \sim U\{T/4, \dots, 3T/4 - 1\} \text{ once per batch}
+
+        The entropy H of the noise makes it a lower bound on log p(y | x, context), constant included.
+        """
+        time = transitions.rewards.shape[-2]
+        z, log_det = self.latents(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
+        k = int(th.randint(max(time // 4, 1), max(3 * time // 4, 2), ()))
+        predictive = self.process.predictive(self.process.statistics(z[..., :k, :]))
+        log_z = Normal(predictive.mean.unsqueeze(-2), predictive.stddev.unsqueeze(-2), False).log_prob(z)
+        nats = log_z.sum(dim=-1) + log_det + self.noise_dim * NOISE_ENTROPY
+        return Bound(nats.mean(), log_det.mean())
+
+    def outcomes(self, statistics: Statistics, observations: Tensor, actions: Tensor, n_samples: int) -> Outcomes:
+        """Draw z from the predictive and invert the flow. Shapes (..., dim) -> (n_samples, ..., dim)"""
+        z = self.process.predictive(LatentStatistics(*statistics)).sample(th.Size([n_samples]))
+        x = th.cat([observations, actions], dim=-1).expand(n_samples, *observations.shape[:-1], -1)
+        rewards, next_observations, _ = self.flow.inverse(z, x).split(
+            [self._reward_dim, self._next_observation_dim, self.noise_dim], dim=-1
+        )
+        return Outcomes(
+            rewards if self._reward_dim else None,
+            next_observations if self._next_observation_dim else None,
+        )
+
+    def diagnostics(self) -> dict[str, float]:
+        correlation = self.process.cov / self.process.var
+        return {
+            "process_var_mean": self.process.var.mean().item(),
+            "process_correlation_mean": correlation.mean().item(),
+            "process_correlation_max": correlation.max().item(),
+        }

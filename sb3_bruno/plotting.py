@@ -1,0 +1,200 @@
+"""The paper's figures: test returns while training (1 and 2), rewards while acting (3 and 4).
+
+Draws on figures of its own and leaves matplotlib's global state, backend and style, alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_bruno.adaptation_result import AdaptationResult, task_label
+from sb3_bruno.eval_callback import LearningCurve
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.floating[Any]]
+
+_MAX_PANELS = 4  # tasks that get a panel each; more are pooled in one
+_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito: for all eyes
+_INK = "#404040"
+
+
+class Band(NamedTuple):
+    """A line and the range around it: ``x``, and the mean, lowest and highest value there, ``(n,)`` each."""
+
+    x: NDArray[np.int64]
+    mean: Floats
+    low: Floats
+    high: Floats
+
+
+def plot_adaptation(results: Mapping[str, AdaptationResult], path: str | Path) -> None:
+    """Draw the reward at each environment step: the mean over episodes, and the range.
+
+    Up to four tasks get a panel each, if all results share them; otherwise they are pooled. The legend tells
+    the mean return.
+
+    Args:
+        results: by the name to show in the legend.
+        path: the image to write; its suffix chooses the format.
+
+    Raises:
+        ValueError: if ``results`` is empty.
+    """
+    if not results:
+        raise ValueError("results is empty: give at least one AdaptationResult, by the name to show.")
+    tasks = next(iter(results.values())).tasks
+    shared = all(np.array_equal(result.tasks, tasks) for result in results.values())
+    pooled = not shared or len(tasks) > _MAX_PANELS
+    figure, panels = _panels([_pooled_title(tasks)] if pooled else [_task_title(task) for task in tasks])
+    for number, panel in enumerate(panels):
+        rows = slice(None) if pooled else slice(number, number + 1)
+        for (name, result), color in zip(results.items(), cycle(_COLORS), strict=False):
+            mean_return = result.mean_return()[rows].mean()
+            _draw(panel, adaptation_band(result, rows), f"{name}, return {mean_return:.1f}", color)
+    _label(figure, panels, "environment step", "reward", "Line: mean. Band: lowest to highest episode.")
+    figure.savefig(path, dpi=150)
+
+
+def plot_learning_curves(
+    curves: Mapping[str, LearningCurve | Sequence[LearningCurve]],
+    path: str | Path,
+    *,
+    oracle: float | Mapping[str, float] | None = None,
+) -> None:
+    """Draw the test return against the environment steps of training.
+
+    The line is the mean over runs; the band the range of the runs' means or, when no method has several runs,
+    the range of episodes. Up to four tasks get a panel each; more are pooled.
+
+    Args:
+        curves: the runs of each method, one per seed, by the name to show in the legend.
+        path: the image to write; its suffix chooses the format.
+        oracle: the return to compare with, or one for each task, by ``task_label``; a dashed line.
+
+    Raises:
+        ValueError: if ``curves`` is empty, the runs of a method were evaluated at different steps, or
+            ``oracle`` lacks a task.
+    """
+    methods = {name: [runs] if isinstance(runs, LearningCurve) else list(runs) for name, runs in curves.items()}
+    if not methods or not all(methods.values()):
+        raise ValueError("curves is empty, or a method in it: give at least one LearningCurve for each name.")
+    every_task = [run.tasks.reshape(-1, run.tasks.shape[-1]) for runs in methods.values() for run in runs]
+    tasks = np.unique(np.concatenate(every_task), axis=0)  # (n_tasks, task_dim)
+    pooled = len(tasks) > _MAX_PANELS
+    figure, panels = _panels([_pooled_title(tasks)] if pooled else [_task_title(task) for task in tasks])
+    several = max(len(runs) for runs in methods.values()) > 1
+    for panel, task in zip(panels, [None] if pooled else tasks, strict=True):
+        for (name, runs), color in zip(methods.items(), cycle(_COLORS), strict=False):
+            _draw(panel, learning_band(name, runs, task, over_runs=several), name, color)
+        if oracle is not None:
+            panel.axhline(_oracle_return(oracle, task), color=_INK, linestyle=(0, (5, 3)), label="oracle")
+    band = f"Line: mean. Band: lowest to highest {'run' if several else 'episode'}."
+    _label(figure, panels, "environment steps of training", "test return", band)
+    figure.savefig(path, dpi=150)
+
+
+def adaptation_band(result: AdaptationResult, rows: slice = slice(None)) -> Band:
+    """The rewards of the tasks in ``rows``, pooled; ``x`` counts steps from 1. Ended episodes drop out."""
+    episodes = result.rewards[rows].reshape(-1, result.horizon)
+    return _band(np.arange(1, result.horizon + 1), episodes, episodes)
+
+
+def learning_band(
+    name: str, runs: Sequence[LearningCurve], task: Floats | None = None, *, over_runs: bool = True
+) -> Band:
+    """The returns on one ``task``, ``(task_dim,)``, or on all; as far as the shortest run goes.
+
+    The range is that of the runs' means, or of the episodes if not ``over_runs``.
+
+    Raises:
+        ValueError: if the runs of the method called ``name`` were evaluated at different steps.
+    """
+    n = min(len(run.timesteps) for run in runs)
+    timesteps = runs[0].timesteps[:n]
+    if not all(np.array_equal(run.timesteps[:n], timesteps) for run in runs):
+        raise ValueError(f"the runs of {name!r} were evaluated at different steps: give runs of one eval_freq.")
+    returns = [_returns_of_task(run, task)[:n].T for run in runs]  # (n_episodes, n) each
+    means = np.stack([_mean(run) for run in returns])  # (n_runs, n)
+    return _band(timesteps, means, means if over_runs else np.concatenate(returns))
+
+
+def _returns_of_task(run: LearningCurve, task: Floats | None) -> Floats:
+    """The returns, ``(n_evals, n_episodes)``, NaN where an episode had another task."""
+    return run.returns if task is None else np.where((run.tasks == task).all(axis=-1), run.returns, np.nan)
+
+
+def _band(x: NDArray[np.int64], values: Floats, spread: Floats) -> Band:
+    """The mean of ``values`` and the range of ``spread``, ``(n_samples, n)`` each; NaN is no sample."""
+    return Band(x, _mean(values), np.fmin.reduce(spread, axis=0), np.fmax.reduce(spread, axis=0))
+
+
+def _mean(values: Floats) -> Floats:
+    """The mean over the first axis of what is not NaN; NaN, without a warning, where nothing is left."""
+    with np.errstate(invalid="ignore"):
+        means: Floats = np.nansum(values, axis=0, dtype=np.float64) / (~np.isnan(values)).sum(axis=0)
+    return means
+
+
+def _oracle_return(oracle: float | Mapping[str, float], task: Floats | None) -> float:
+    """The oracle's return on ``task``, or over all tasks without one."""
+    if not isinstance(oracle, Mapping):
+        return oracle
+    if task is None:
+        return float(np.mean(list(oracle.values())))
+    if task_label(task) not in oracle:
+        raise ValueError(f"oracle has {sorted(oracle)} and lacks task {task_label(task)!r}: add its return.")
+    return oracle[task_label(task)]
+
+
+def _task_title(task: Floats) -> str:
+    """``task 0.5``, or ``task (1, 0)``."""
+    values = task_label(task).replace("_", ", ")
+    return f"task {values}" if len(task) == 1 else f"task ({values})"
+
+
+def _pooled_title(tasks: Floats) -> str:
+    return f"{len(tasks)} tasks"
+
+
+def _panels(titles: Sequence[str]) -> tuple[Figure, list[Axes]]:
+    """A figure with a panel for each title, side by side, on one scale."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(1.6 + 4.4 * len(titles), 4.2), layout="constrained")
+    panels: list[Axes] = list(figure.subplots(1, len(titles), sharey=True, squeeze=False)[0])
+    for panel, title in zip(panels, titles, strict=True):
+        panel.set_title(title, loc="left", fontsize=12, color=_INK)
+        panel.spines[["top", "right"]].set_visible(False)
+        panel.spines[["left", "bottom"]].set_color(_INK)
+        panel.tick_params(labelsize=11, colors=_INK)
+        panel.grid(color="#E6E6E6", linewidth=0.8)
+        panel.set_axisbelow(True)
+    return figure, panels
+
+
+def _draw(panel: Axes, band: Band, name: str, color: str) -> None:
+    """Draw the line and its range; a lone point, which makes no line, as a dot."""
+    panel.fill_between(band.x, band.low, band.high, color=color, alpha=0.18, linewidth=0)
+    panel.plot(band.x, band.mean, color=color, linewidth=1.8, marker="o" if len(band.x) == 1 else "", label=name)
+
+
+def _label(figure: Figure, panels: Sequence[Axes], x: str, y: str, note: str) -> None:
+    """Name the axes, add the legends, and say below what line and band are."""
+    from matplotlib.ticker import EngFormatter
+
+    for panel in panels:
+        panel.set_xlabel(x, fontsize=12, color=_INK)
+        panel.xaxis.set_major_formatter(EngFormatter(sep=""))  # 200k, 1.5M
+        panel.margins(x=0.01)
+        panel.legend(fontsize=11, frameon=False, labelcolor=_INK)
+    panels[0].set_ylabel(y, fontsize=12, color=_INK)
+    figure.supxlabel(note, fontsize=9.5, color="#7A7A7A")

@@ -1,0 +1,191 @@
+"""Policies whose actor acts on observation and belief, and whose belief travels through ``predict``.
+
+The policy owns the task encoder, so that device, ``state_dict``, ``save`` and ``load`` take it along.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import torch as th
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.policies import BasePolicy, ContinuousCritic
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
+from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
+from stable_baselines3.sac.policies import Actor, SACPolicy
+
+from sb3_bruno.encoders import BrunoEncoder, TaskEncoder, Transitions
+from sb3_bruno.extended_obs import CriticInput, ExtendedObs, SliceExtractor
+
+Observation = NDArray[Any] | dict[str, NDArray[Any]]
+State = tuple[NDArray[Any], ...]
+"""What an agent carries from step to step: the encoder's statistics, and last the observation it came from.
+Every array has shape (n_envs, anything)."""
+
+
+class TaskInferencePolicy(BasePolicy):
+    """Mixin for SB3's actor-critic policies.
+
+    :param observation_space: the Dict of ``TransitionObservation``
+    :param action_space: action space
+    :param lr_schedule: learning rate schedule of actor and critics
+    :param task_space: the space of task vectors, which critics may read
+    :param encoder_class: task encoder, built from ``(observation_dim, action_dim, **encoder_kwargs)``
+    :param encoder_kwargs: further arguments of the encoder
+    :param critic_input: what critics read beside observation and action: "task", "belief" or "both"
+    :param kwargs: arguments of the policy that this is mixed into
+    :raises ValueError: if a features extractor is asked for, which the extended observation would drop silently
+    """
+
+    observation_space: spaces.Dict
+    encoder: TaskEncoder
+    actor_kwargs: dict[str, Any]
+    critic_kwargs: dict[str, Any]
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        action_space: spaces.Box,
+        lr_schedule: Schedule,
+        *,
+        task_space: spaces.Box,
+        encoder_class: type[TaskEncoder] = BrunoEncoder,
+        encoder_kwargs: dict[str, Any] | None = None,
+        critic_input: CriticInput = "task",
+        **kwargs: Any,
+    ) -> None:
+        if kwargs.get("features_extractor_class", FlattenExtractor) is not FlattenExtractor:
+            raise ValueError(
+                f"`features_extractor_class={kwargs['features_extractor_class'].__name__}` is not supported: actor and "
+                "critics read slices of a flat vector. Extract features in an observation wrapper instead."
+            )
+        if kwargs.get("features_extractor_kwargs"):
+            raise ValueError("`features_extractor_kwargs` is not supported: there is no features extractor to use it.")
+        if kwargs.get("share_features_extractor"):
+            raise ValueError("`share_features_extractor=True` is not supported: actor and critics read other slices.")
+        self.task_space = task_space
+        self.encoder_class = encoder_class
+        self.encoder_kwargs = dict(encoder_kwargs or {})
+        self.critic_input = critic_input
+        super().__init__(observation_space, action_space, lr_schedule, **kwargs)
+
+    def _build(self, lr_schedule: Schedule) -> None:
+        observation_dim = spaces.flatdim(self.observation_space["observation"])
+        self.encoder = self.encoder_class(observation_dim, spaces.flatdim(self.action_space), **self.encoder_kwargs)
+        self.layout = ExtendedObs(observation_dim, self.encoder.belief_dim, spaces.flatdim(self.task_space))
+        for net_kwargs in (self.actor_kwargs, self.critic_kwargs):
+            net_kwargs["observation_space"] = self.layout.space
+        super()._build(lr_schedule)  # type: ignore[misc]  # of the policy it is mixed into
+
+    def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Actor:
+        extractor = SliceExtractor(self.layout.space, self.layout.actor_slices)
+        return super().make_actor(extractor)  # type: ignore[misc, no-any-return]  # of the policy it is mixed into
+
+    def make_critic(self, features_extractor: BaseFeaturesExtractor | None = None) -> ContinuousCritic:
+        extractor = SliceExtractor(self.layout.space, self.layout.critic_slices(self.critic_input))
+        return super().make_critic(extractor)  # type: ignore[misc, no-any-return]  # likewise
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        data = super()._get_constructor_parameters()
+        data.update(
+            task_space=self.task_space,
+            encoder_class=self.encoder_class,
+            encoder_kwargs=self.encoder_kwargs,
+            critic_input=self.critic_input,
+        )
+        return data
+
+    # -- acting ----------------------------------------------------------------------------------------------
+
+    def predict(
+        self,
+        observation: Observation,
+        state: State | None = None,
+        episode_start: NDArray[Any] | None = None,
+        deterministic: bool = False,
+    ) -> tuple[NDArray[Any], State | None]:
+        """As SB3's recurrent policies: pass back the ``state`` that the last call returned.
+
+        :param observation: what ``TransitionObservation`` returns, or a batch of it; an extended observation
+            (an array, as in the replay buffer) is acted on as it is
+        :param state: the belief so far; None is the prior
+        :param episode_start: where True, shape (n_envs,), the belief starts again from the prior
+        :param deterministic: the actor's mode, and no noise in the encoder
+        :return: the actions, and the state after this observation
+        """
+        if not isinstance(observation, dict):
+            return super().predict(observation, state, episode_start, deterministic)
+        extended, state = self.extend(observation, state, episode_start, deterministic)
+        actions, _ = super().predict(extended, deterministic=deterministic)
+        return actions, state
+
+    def extend(
+        self,
+        observation: dict[str, NDArray[Any]],
+        state: State | None = None,
+        episode_start: NDArray[Any] | None = None,
+        deterministic: bool = False,
+    ) -> tuple[NDArray[np.float32], State]:
+        """Absorb the transition that led to ``observation`` and lay out the extended observation.
+
+        The Dict's own ``episode_start`` says that no transition led here; the argument says that the belief
+        starts again.
+
+        :return: the extended observation, shape (n_envs, dim) or (dim,) as ``observation`` was, and the next state
+        """
+        arrival, vectorized = self.obs_to_tensor(observation)
+        assert isinstance(arrival, dict)  # for mypy
+        here = arrival["observation"].float().flatten(start_dim=1)
+        n_envs = len(here)
+        began = arrival["episode_start"].reshape(n_envs) > 0  # also where VecNormalize has centred the key
+        if state is None:
+            if not began.all():
+                warnings.warn(
+                    "`predict` was called in mid-episode without `state`, so the agent acts on its prior: pass back "
+                    "the state that the last call returned.",
+                    stacklevel=3,
+                )
+            statistics = self.encoder.empty((n_envs,))
+            began = th.ones_like(began)
+            before = here
+        else:
+            *carried, before = (th.as_tensor(one, device=self.device) for one in state)
+            statistics = tuple(carried)
+        if episode_start is not None:
+            fresh = th.as_tensor(np.asarray(episode_start, dtype=bool).reshape(n_envs), device=self.device)
+            statistics = _where(fresh, self.encoder.empty((n_envs,)), statistics)
+            began = began | fresh
+        with th.no_grad():
+            transitions = Transitions(before, arrival["action"].float(), arrival["reward"].float(), here)
+            noise = self.encoder.draw_noise((n_envs,), deterministic=deterministic)
+            statistics = _where(began, statistics, self.encoder.absorb(statistics, transitions, noise))
+            extended = self.layout.join(here, self.encoder.belief(statistics)).cpu().numpy()
+        next_state = tuple(one.detach().cpu().numpy() for one in (*statistics, here))
+        return (extended if vectorized else extended[0]), next_state
+
+    def obs_to_tensor(self, observation: Observation) -> tuple[PyTorchObs, bool]:
+        """Also of an extended observation, shape (n_envs, dim) or (dim,).
+
+        :raises ValueError: if an array is not an extended observation
+        """
+        if isinstance(observation, dict):
+            return super().obs_to_tensor(observation)
+        array = np.asarray(observation)
+        if array.shape[-1:] != (self.layout.dim,):
+            raise ValueError(
+                f"Expected the Dict of `TransitionObservation` or an extended observation of size {self.layout.dim}, "
+                f"got an array of shape {array.shape}: wrap the env in `sb3_bruno_envs.TransitionObservation`."
+            )
+        return th.as_tensor(array, device=self.device).reshape(-1, self.layout.dim), array.ndim > 1
+
+
+def _where(mask: th.Tensor, yes: tuple[th.Tensor, ...], no: tuple[th.Tensor, ...]) -> tuple[th.Tensor, ...]:
+    """Choose statistics per env. mask: (n_envs,)"""
+    return tuple(th.where(mask[:, None], a, b) for a, b in zip(yes, no, strict=True))
+
+
+class BrunoSACPolicy(TaskInferencePolicy, SACPolicy):
+    """SAC's policy on observation and belief."""

@@ -1,0 +1,237 @@
+"""Tests of the checker: it accepts what keeps the contract, and names each way to break it."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+from gymnasium.wrappers import TimeLimit, TransformAction, TransformReward
+
+from sb3_bruno_envs import (
+    MetaTask,
+    PointDirEnv,
+    TaskObservation,
+    TransitionObservation,
+    check_meta_env,
+)
+
+DIRECTIONS = [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]
+
+
+def meta_point(**kwargs):
+    return MetaTask(PointDirEnv(), PointDirEnv.set_task, DIRECTIONS, **kwargs)
+
+
+def endless():
+    plane = Box(-1.0, 1.0, (2,))
+    return TransitionObservation(
+        MetaTask(PointDirEnv(), PointDirEnv.set_task, lambda rng: rng.random(2), task_space=plane)
+    )
+
+
+def good():
+    return TimeLimit(TransitionObservation(meta_point()), 20)
+
+
+class Edit(gym.Wrapper):
+    """Changes what a good environment returns by ``edit(observation, info, step)``; step 0 is the reset."""
+
+    def __init__(self, edit, env=None):
+        super().__init__(env or good())
+        self.edit = edit
+        self.count = 0
+
+    def reset(self, *, seed=None, options=None):
+        self.count = 0
+        observation, info = self.env.reset(seed=seed, options=options)
+        self.edit(observation, info, 0)
+        return observation, info
+
+    def step(self, action):
+        self.count += 1
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self.edit(observation, info, self.count)
+        return observation, reward, terminated, truncated, info
+
+
+class Stubborn(gym.Wrapper):
+    """Ignores the options."""
+
+    def reset(self, *, seed=None, options=None):
+        return self.env.reset(seed=seed)
+
+
+class Unseeded(gym.Wrapper):
+    """Ignores the seed."""
+
+    def reset(self, *, seed=None, options=None):
+        return self.env.reset(options=options)
+
+
+class SeededAlike(MetaTask):
+    """Falls into the trap: its generator is seeded as the environment's."""
+
+    def _restart_drawing(self, seed):
+        super()._restart_drawing(seed)
+        self._rng = np.random.default_rng(seed)
+
+
+class Telltale(gym.ObservationWrapper):
+    """Adds the task to the observation."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        self.observation_space = Box(-np.inf, np.inf, (4,))
+
+    def observation(self, observation):
+        return np.concatenate([observation, self.get_wrapper_attr("task")])
+
+
+class Spaces(gym.Wrapper):
+    """A good environment that declares other spaces."""
+
+    def __init__(self, action_space=None, task_space=None, **spaces):
+        super().__init__(good())
+        keys = {**self.env.observation_space, **spaces}
+        self.observation_space = gym.spaces.Dict({key: box for key, box in keys.items() if box is not None})
+        self.action_space = self.env.action_space if action_space is None else action_space
+        self.task_space = self.env.get_wrapper_attr("task_space") if task_space is None else task_space
+
+
+def put(key, value, when=lambda step: True):
+    def edit(observation, info, step):
+        if when(step):
+            (info if key.startswith("task") else observation)[key] = value
+
+    return edit
+
+
+def drop(key):
+    return lambda observation, info, step: (info if key.startswith("task") else observation).pop(key)
+
+
+def at_end(step):
+    return step == 20
+
+
+def mid_episode(step):
+    return step > 0
+
+
+def seeded_alike(sample, env):
+    space = Box(-np.inf, np.inf, (len(sample(np.random.default_rng(0))),))
+    return TimeLimit(TransitionObservation(SeededAlike(env, lambda *_: None, sample, task_space=space)), 20)
+
+
+NORTH = np.float32([0.0, 1.0])
+
+BROKEN = {
+    "no dict": (lambda: meta_point(), "no Dict: wrap the environment in TransitionObservation"),
+    "the oracle": (lambda: TaskObservation(meta_point()), r"contains task\[1\], a leak"),
+    "no task space": (lambda: TransitionObservation(PointDirEnv()), "no task_space: wrap it in MetaTask"),
+    "key missing": (lambda: Spaces(reward=None), "no key 'reward'"),
+    "key unknown": (lambda: Spaces(goal=Box(0.0, 1.0, (1,))), "unknown key 'goal'"),
+    "action shape": (lambda: Spaces(action=Box(-1.0, 1.0, (3,))), r"\['action'\] is .*make it"),
+    "action bounds": (lambda: Spaces(action=Box(-2.0, 2.0, (2,))), r"\['action'\] is .*make it"),
+    "reward bounded": (lambda: Spaces(reward=Box(0.0, 1.0, (1,))), r"\['reward'\] is .*make it"),
+    "start unbounded": (
+        lambda: Spaces(episode_start=Box(-1.0, 1.0, (1,))),
+        r"\['episode_start'\] is .*make it",
+    ),
+    "float64": (
+        lambda: Spaces(observation=Box(-1.0, 1.0, (2,), dtype=np.float64)),
+        r"\['observation'\] is .*make it a float32 Box",
+    ),
+    "actions unbounded": (lambda: Spaces(action_space=Box(-np.inf, np.inf, (2,))), "Box with finite bounds"),
+    "actions discrete": (lambda: gym.make("CartPole-v1"), "Box with finite bounds"),
+    "task space square": (
+        lambda: Spaces(task_space=Box(0.0, 1.0, (2, 1))),
+        r"task_space is .*shape \(dim,\)",
+    ),
+    "task space small": (
+        lambda: Spaces(task_space=Box(5.0, 6.0, (2,))),
+        r"info\['task'\] is .*make it float32",
+    ),
+    "task float64": (lambda: Edit(put("task", np.array([0.0, 1.0]))), "make it float32"),
+    "no task": (lambda: Edit(drop("task")), "info has no 'task'"),
+    "no index": (lambda: Edit(drop("task_index")), "info has no 'task_index'"),
+    "task changes": (
+        lambda: Edit(put("task", NORTH, mid_episode)),
+        "after step 1, .*keep it to the last step",
+    ),
+    "next task at the end": (
+        lambda: Edit(put("task", NORTH, at_end)),
+        "step 20, the episode's last, .*keep it",
+    ),
+    "outside its space": (lambda: Edit(put("observation", np.zeros(5, np.float32))), "is outside its space"),
+    "action at reset": (
+        lambda: Edit(put("action", np.ones(2, np.float32))),
+        r"after the reset, .*\['action'\]",
+    ),
+    "action stale": (lambda: Edit(put("action", np.zeros(2, np.float32))), r"after step 1, .*\['action'\]"),
+    "reward stale": (lambda: Edit(put("reward", np.zeros(1, np.float32))), r"after step 1, .*\['reward'\]"),
+    "always starting": (
+        lambda: Edit(put("episode_start", np.ones(1, np.float32))),
+        r"step 1, .*\['episode_start'\]",
+    ),
+    "never starting": (
+        lambda: Edit(put("episode_start", np.zeros(1, np.float32))),
+        r"reset, .*\['episode_start'\]",
+    ),
+    "action changed above": (
+        lambda: TransformAction(good(), lambda a: -a, None),
+        r"\['action'\] is .*above any wrapper",
+    ),
+    "reward changed above": (
+        lambda: TransformReward(good(), lambda r: r + 1),
+        r"\['reward'\] is .*above any wrapper",
+    ),
+    "options ignored": (lambda: Stubborn(good()), "obey the option"),
+    "seed ignored": (lambda: Unseeded(good()), "two different first observations"),
+    "task unseeded": (lambda: Unseeded(endless()), r"seed=0 gave the task .* generator that the reset seeds"),
+    "task drawn alike": (
+        lambda: seeded_alike(lambda rng: rng.standard_normal(2), PointDirEnv()),
+        r"tells task\[0\] \(correlation 1.00\)",
+    ),
+    "finite task drawn alike": (
+        lambda: seeded_alike(lambda rng: [float(rng.random() < 0.5)], gym.make("Pendulum-v1")),
+        r"tells task\[0\] \(correlation -0.\d+\), a leak",
+    ),
+    "task shown": (lambda: TransitionObservation(Telltale(meta_point())), r"contains task\[0\], a leak"),
+}
+
+
+def test_a_good_environment_passes():
+    check_meta_env(good())
+    check_meta_env(TransitionObservation(meta_point()), max_steps=50)  # never ends
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_each_way_to_break_the_contract_is_named(name):
+    build, message = BROKEN[name]
+    with pytest.raises(ValueError, match=message):
+        check_meta_env(build())
+
+
+def test_one_message_lists_everything_that_is_wrong():
+    env = Stubborn(Edit(put("reward", np.float32([7.0])), Spaces(episode_start=Box(-1.0, 1.0, (1,)))))
+    with pytest.raises(ValueError, match=r"(?s)'episode_start'.*reset, .*'reward'.*step 1, .*'reward'.*option"):
+        check_meta_env(env)
+
+
+def test_an_environment_that_raises_is_a_finding_beside_others():
+    def fail(observation, info, step):
+        if step == 3:
+            raise RuntimeError("battery empty")
+
+    with pytest.raises(ValueError, match=r"(?s)no key 'reward'.*an episode raised RuntimeError\('battery empty'\)"):
+        check_meta_env(Edit(fail, Spaces(reward=None)))
+
+
+def test_an_inner_episode_of_a_trial_may_start_in_mid_trial():
+    def restart(observation, info, step):
+        if step == 10:
+            info["final_observation"] = observation["observation"].copy()
+            observation["episode_start"][:] = 1.0
+            observation["action"][:] = observation["reward"][:] = 0.0
+
+    check_meta_env(Edit(restart))

@@ -1,0 +1,158 @@
+"""Tests of the observation wrappers: what they show, on which scale, and what they refuse."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.spaces import Box, Discrete
+from gymnasium.wrappers import FlattenObservation
+from hypothesis import given
+from hypothesis import strategies as st
+from stable_baselines3.common.env_checker import check_env as sb3_check_env
+
+from sb3_bruno_envs import MetaTask, PointDirEnv, TaskObservation, TransitionObservation
+
+
+class Still(gym.Env):
+    """Nothing moves: any spaces, the observation is zero, the reward the step's number."""
+
+    def __init__(self, observations=None, actions=None):
+        self.observation_space = Box(-1.0, 1.0, (2,)) if observations is None else observations
+        self.action_space = Box(-1.0, 1.0, (2,)) if actions is None else actions
+        self.steps = 0
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return self._zeros(), {}
+
+    def step(self, action):
+        self.steps += 1
+        return self._zeros(), self.steps, False, False, {}
+
+    def _zeros(self):
+        return np.zeros(self.observation_space.shape, self.observation_space.dtype)
+
+
+def set_gravity(pendulum, task):
+    pendulum.g = float(task[0])
+
+
+@pytest.fixture
+def pendulum():
+    return TransitionObservation(MetaTask(gym.make("Pendulum-v1"), set_gravity, [[8.0], [12.0]]))
+
+
+def test_the_pendulums_torque_is_scaled_to_one(pendulum):
+    pendulum.reset(seed=0)
+    for torque, shown in [(2.0, 1.0), (-2.0, -1.0), (1.0, 0.5), (9.0, 1.0)]:  # N m; the last one is clipped
+        observation, reward, *_ = pendulum.step(np.float32([torque]))
+        assert observation["action"].tolist() == [shown]
+        assert observation["reward"].tolist() == [np.float32(reward)]
+        assert observation["episode_start"].tolist() == [0.0]
+
+
+def test_the_wrapped_pendulum_steps_as_the_bare_one():
+    env, bare = TransitionObservation(gym.make("Pendulum-v1")), gym.make("Pendulum-v1")
+    np.testing.assert_array_equal(env.reset(seed=0)[0]["observation"], bare.reset(seed=0)[0])
+    for torque in np.linspace(-2.0, 2.0, 20, dtype=np.float32):
+        observation, reward, *_ = env.step(torque[None])
+        expected, expected_reward, *_ = bare.step(torque[None])
+        np.testing.assert_array_equal(observation["observation"], expected)
+        assert reward == expected_reward
+
+
+def test_a_reset_shows_no_action_no_reward_and_a_start(pendulum):
+    pendulum.reset(seed=0)
+    pendulum.step(np.ones(1))
+    observation, _ = pendulum.reset()
+    assert observation["action"].tolist() == [0.0]
+    assert observation["reward"].tolist() == [0.0]
+    assert observation["episode_start"].tolist() == [1.0]
+
+
+@pytest.mark.filterwarnings("ignore:We recommend you to use a symmetric")
+def test_the_wrapped_pendulum_passes_sb3s_check(pendulum):
+    sb3_check_env(pendulum, skip_render_check=True)
+
+
+def test_each_bound_is_scaled_by_itself_and_the_shape_becomes_flat():
+    low, high = np.float32([[0.0, -10.0], [2.0, -1.0]]), np.float32([[1.0, 10.0], [4.0, 1.0]])
+    env = TransitionObservation(Still(actions=Box(low, high)))
+    env.reset()
+    observation, *_ = env.step(np.array([[0.5, 10.0], [2.0, 0.5]]))
+    assert observation["action"].tolist() == [0.0, 1.0, -1.0, 0.5]
+    assert observation in env.observation_space
+
+
+@given(
+    low=st.floats(-1e3, 1e3, width=32),
+    width=st.floats(0.125, 1e3, width=32),
+    action=st.floats(-1e4, 1e4, width=32),
+)
+def test_any_action_lands_in_the_space_and_comes_back(low, width, action):
+    bounds = Box(np.float32([low]), np.float32([low + width]))
+    env = TransitionObservation(Still(actions=bounds))
+    observation, *_ = env.step(np.float32([action]))
+    assert observation in env.observation_space
+    back = bounds.low + (observation["action"] + 1.0) / 2.0 * (bounds.high - bounds.low)
+    np.testing.assert_allclose(back, np.clip(action, bounds.low, bounds.high), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "space",
+    [
+        Box(-1.0, 1.0, (3, 4, 5)),
+        Box(-1.0, 1.0, ()),
+        Box(-1e300, 1e300, (2,), dtype=np.float64),
+        Box(0, 255, (8,), dtype=np.uint8),
+        Box(-5, 5, (2,), dtype=np.int64),
+    ],
+)
+def test_boxes_of_any_shape_and_number_become_float32(space):
+    env = TransitionObservation(Still(space))
+    observation, _ = env.reset()
+    shown = env.observation_space["observation"]
+    assert (shown.shape, shown.dtype) == (space.shape, np.float32)
+    assert observation["observation"].dtype == np.float32
+
+
+def test_an_observation_is_a_copy():
+    env = TransitionObservation(PointDirEnv())
+    first, _ = env.reset(seed=0)
+    first["observation"][:] = 9.0
+    assert env.step(np.zeros(2))[0]["observation"].max() < 1.0
+
+
+@pytest.mark.parametrize("wrapper", [TransitionObservation, lambda env: TaskObservation(MetaTask(env))])
+@pytest.mark.parametrize("space", [Discrete(3), Box(0, 255, (8, 8, 3), dtype=np.uint8)])
+def test_observations_that_are_no_vector_are_refused(wrapper, space):
+    with pytest.raises(ValueError, match="the observation space is"):
+        wrapper(Still(space))
+
+
+@pytest.mark.parametrize(
+    "space", [Discrete(3), Box(-np.inf, np.inf, (1,)), Box(0.0, np.inf, (1,)), Box(1.0, 1.0, (1,))]
+)
+def test_actions_without_a_scale_are_refused(space):
+    with pytest.raises(ValueError, match="the action space is"):
+        TransitionObservation(Still(actions=space))
+
+
+def test_the_oracle_sees_the_observation_and_then_the_task():
+    env = TaskObservation(MetaTask(PointDirEnv(), PointDirEnv.set_task, [[0.0, 1.0], [1.0, 0.0]]))
+    observation, info = env.reset(seed=0, options={"task": [1.0, 0.0]})
+    assert observation.dtype == np.float32
+    assert observation[2:].tolist() == info["task"].tolist() == [1.0, 0.0]
+    moved, *_ = env.step(np.float32([1.0, 0.0]))
+    np.testing.assert_allclose(moved - observation, [0.1, 0.0, 0.0, 0.0], atol=1e-6)
+    np.testing.assert_array_equal(env.observation_space.low, np.float32([-np.inf, -np.inf, 0.0, 0.0]))
+    np.testing.assert_array_equal(env.observation_space.high, np.float32([np.inf, np.inf, 1.0, 1.0]))
+
+
+def test_the_oracle_flattens_a_box_of_any_shape():
+    env = TaskObservation(MetaTask(Still(Box(-1.0, 1.0, (2, 3)))))
+    assert env.reset()[0].shape == env.observation_space.shape == (7,)
+
+
+def test_the_oracle_needs_a_task():
+    with pytest.raises(ValueError, match="wrap it in MetaTask before TaskObservation"):
+        TaskObservation(FlattenObservation(PointDirEnv()))

@@ -1,0 +1,150 @@
+"""Tests of the task distributions: what they accept, what they draw, and the published splits."""
+
+import pickle
+
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from sb3_bruno_envs.tasks import (
+    CHEETAH_DIR_TASKS,
+    CHEETAH_VEL_TASKS,
+    POINT_DIR_TASKS,
+    TaskSampler,
+    TaskSet,
+    as_task_distribution,
+)
+
+UNIT = Box(0.0, 1.0, (1,))
+FLOATS = st.floats(-1e6, 1e6, width=32)
+MATRICES = arrays(np.float32, st.tuples(st.integers(1, 6), st.integers(1, 3)), elements=FLOATS)
+
+
+@given(train=MATRICES, seed=st.integers(0, 2**32))
+def test_a_finite_set_draws_its_own_tasks_inside_its_bounding_box(train, seed):
+    tasks = TaskSet(train)
+    drawn = tasks.draw(np.random.default_rng(seed))
+    assert drawn.dtype == np.float32
+    assert (tasks.tasks("test") == drawn).all(axis=1).any()
+    assert drawn in tasks.space
+    np.testing.assert_array_equal(tasks.space.low, train.min(axis=0))
+    np.testing.assert_array_equal(tasks.space.high, train.max(axis=0))
+
+
+def test_the_bounding_box_spans_both_splits():
+    tasks = TaskSet([[0.0, 5.0]], [[-1.0, 7.0]])
+    assert tasks.space == Box(np.float32([-1, 5]), np.float32([0, 7]))
+    assert tasks.draw(np.random.default_rng(0), "test").tolist() == [-1.0, 7.0]
+
+
+def test_every_task_is_drawn_about_equally_often():
+    rng = np.random.default_rng(0)
+    tasks = TaskSet([[0], [1], [2], [3]])
+    counts = np.bincount([int(tasks.draw(rng)[0]) for _ in range(4000)])
+    assert np.abs(counts - 1000).max() < 5 * np.sqrt(750)  # five standard deviations of the binomial
+
+
+def test_drawing_and_reading_cannot_change_a_set():
+    tasks = TaskSet([[1.0]])
+    tasks.draw(np.random.default_rng(0))[:] = 9.0
+    with pytest.raises(ValueError, match="read-only"):
+        tasks.tasks()[:] = 9.0
+    assert tasks.tasks().tolist() == [[1.0]]
+
+
+def test_sets_are_equal_by_value_even_after_pickling():
+    tasks = TaskSet([[1.0], [2.0]], [[3.0]])
+    assert pickle.loads(pickle.dumps(tasks)) == tasks
+    assert hash(TaskSet([[1.0], [2.0]], [[3.0]])) == hash(tasks)
+    assert tasks != TaskSet([[1.0], [2.0]])
+    assert tasks != TaskSet([[1.0], [2.0]], [[3.0]], space=Box(0.0, 9.0, (1,)))
+    assert tasks != "tasks"
+
+
+@pytest.mark.parametrize(
+    ("train", "test", "message"),
+    [
+        ([], None, "at least one"),
+        ([[]], None, "at least one"),
+        ([1.0, 2.0], None, r"shape \(2,\).*reshape"),
+        ([[1.0], [2.0, 3.0]], None, "not an array of numbers"),
+        ([["fast"]], None, "not an array of numbers"),
+        ([[1.0], [np.nan]], None, r"NaN or infinity in rows \[1\]"),
+        ([[1.0]], [[np.inf]], r"test tasks hold NaN or infinity in rows \[0\]"),
+        ([[1.0]], [[1.0, 2.0]], "same number of columns"),
+    ],
+)
+def test_invalid_sets_are_refused_with_a_remedy(train, test, message):
+    with pytest.raises(ValueError, match=message):
+        TaskSet(train, test)
+
+
+@pytest.mark.parametrize("space", [Box(0.0, 1.0, (1, 1)), "box"])
+def test_the_space_must_be_a_flat_box(space):
+    with pytest.raises(ValueError, match=r"give a Box of shape \(dim,\)"):
+        TaskSet([[0.5]], space=space)
+
+
+def test_a_task_outside_the_space_is_refused():
+    with pytest.raises(ValueError, match=r"a task of the set is \[2\.\], outside"):
+        TaskSet([[2.0]], space=UNIT)
+
+
+@pytest.mark.parametrize("draw", [CHEETAH_VEL_TASKS.draw, TaskSampler(lambda rng: [0.5], UNIT).draw])
+def test_an_unknown_split_is_refused(draw):
+    with pytest.raises(ValueError, match="split='valid' is unknown: use 'train' or 'test'"):
+        draw(np.random.default_rng(0), "valid")
+
+
+def test_a_sampler_draws_each_split_with_its_own_function():
+    space = Box(0.0, 1.0, (1,), dtype=np.float64)
+    tasks = TaskSampler(lambda rng: rng.uniform(0.0, 0.5, 1), space, lambda rng: rng.uniform(0.5, 1.0, 1))
+    rng = np.random.default_rng(0)
+    assert tasks.space.dtype == np.float32
+    assert max(tasks.draw(rng, "train")[0] for _ in range(50)) < 0.5
+    assert min(tasks.draw(rng, "test")[0] for _ in range(50)) > 0.5
+    assert TaskSampler(lambda rng: [0.25], UNIT).draw(rng, "test").tolist() == [0.25]
+
+
+@pytest.mark.parametrize(
+    ("drawn", "message"),
+    [([2.0], "outside"), ([np.nan], "outside"), ([0.1, 0.2], r"shape \(2,\)"), (["a"], "give numbers")],
+)
+def test_a_sampler_that_draws_a_wrong_task_is_told(drawn, message):
+    with pytest.raises(ValueError, match=message):
+        TaskSampler(lambda rng: drawn, UNIT).draw(np.random.default_rng(0))
+
+
+def test_whatever_a_user_passes_becomes_a_distribution():
+    rng = np.random.default_rng(0)
+    assert as_task_distribution(None).draw(rng).tolist() == [0.0]
+    assert as_task_distribution([[1], [2]]).tasks().tolist() == [[1.0], [2.0]]
+    assert as_task_distribution(lambda rng: [0.5], UNIT).draw(rng).tolist() == [0.5]
+    assert as_task_distribution(CHEETAH_DIR_TASKS) is CHEETAH_DIR_TASKS
+    with pytest.raises(ValueError, match=r"tasks is a callable.*give task_space"):
+        as_task_distribution(lambda rng: [0.5])
+
+
+@pytest.mark.parametrize("tasks", [TaskSet([[0.5]]), TaskSampler(lambda rng: [0.5], UNIT), [[0.5]]])
+def test_a_given_space_replaces_the_distributions_own(tasks):
+    wide = Box(-9.0, 9.0, (1,))
+    assert as_task_distribution(tasks, wide).space == wide
+
+
+def test_the_cheetahs_tasks_are_the_papers():
+    assert CHEETAH_DIR_TASKS.tasks("train").tolist() == [[1.0, 0.0], [0.0, 1.0]]
+    assert CHEETAH_DIR_TASKS.tasks("test").tolist() == [[1.0, 0.0], [0.0, 1.0]]
+    train, test = CHEETAH_VEL_TASKS.tasks("train"), CHEETAH_VEL_TASKS.tasks("test")
+    assert (train.shape, test.shape) == ((100, 1), (30, 1))
+    np.testing.assert_array_equal(train[:3, 0], np.float32([0.7861, 0.4761, 0.8344]))  # m/s
+    np.testing.assert_array_equal(test[:3, 0], np.float32([2.051, 0.0831, 0.7015]))
+    assert CHEETAH_VEL_TASKS.space == Box(0.0, 3.0, (1,))
+
+
+def test_the_points_directions_are_opposite_unit_vectors_in_both_splits():
+    train, test = POINT_DIR_TASKS.tasks("train"), POINT_DIR_TASKS.tasks("test")
+    np.testing.assert_array_equal(train, [[-1, 0], [1, 0]])
+    np.testing.assert_array_equal(test, train)

@@ -1,0 +1,220 @@
+"""BRUNO: exact beliefs whatever the order, the bound with its constant, predictions in data space."""
+
+import math
+
+import numpy as np
+import pytest
+import torch as th
+import zuko
+from torch.distributions import MultivariateNormal, Normal
+
+from sb3_bruno.encoders import BrunoEncoder, Transitions
+from sb3_bruno.flow import ConditionalFlow
+
+SMALL = {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (32,)}}
+
+
+def encoder_of(**kwargs) -> BrunoEncoder:
+    th.manual_seed(0)
+    return BrunoEncoder(3, 2, **{**SMALL, **kwargs}).double()
+
+
+def transitions_of(*shape: int, seed: int = 0) -> Transitions:
+    generator = th.Generator().manual_seed(seed)
+    return Transitions(*(th.randn(*shape, dim, generator=generator, dtype=th.float64) for dim in (3, 2, 1, 3)))
+
+
+def permuted(transitions: Transitions, noise: th.Tensor, seed: int) -> tuple[Transitions, th.Tensor]:
+    order = th.as_tensor(np.random.default_rng(seed).permutation(noise.shape[-2]))
+    return Transitions(*(one[..., order, :] for one in transitions)), noise[..., order, :]
+
+
+def last(statistics):
+    return tuple(one[..., -1, :] for one in statistics)
+
+
+@pytest.mark.parametrize("modelled", ["rewards", "next_observations", "both"])
+def test_belief_does_not_depend_on_the_order(modelled):
+    encoder, transitions = encoder_of(modelled=modelled), transitions_of(4, 20)
+    noise = encoder.draw_noise((4, 20))
+    belief = encoder.belief(last(encoder.prefixes(transitions, noise)))
+    for seed in range(5):
+        shuffled = encoder.belief(last(encoder.prefixes(*permuted(transitions, noise, seed))))
+        th.testing.assert_close(shuffled, belief, rtol=1e-10, atol=1e-12)
+
+
+def test_belief_is_the_conditional_of_a_dense_gaussian_over_theta_and_latents():
+    encoder, transitions = encoder_of(), transitions_of(12)
+    noise = encoder.draw_noise((12,))
+    z = encoder.latents(transitions, noise).z
+    posterior = encoder.posterior(last(encoder.prefixes(transitions, noise)))
+    for d in range(encoder.latent_dim):
+        var, cov = encoder.process.var[d].item(), encoder.process.cov[d].item()
+        joint = np.full((13, 13), cov)  # theta first, then the latents
+        joint[np.arange(1, 13), np.arange(1, 13)] = var
+        gain = np.linalg.solve(joint[1:, 1:], joint[1:, 0])
+        assert posterior.mean[d].item() == pytest.approx(gain @ z[:, d].detach().numpy(), rel=1e-9)
+        assert posterior.variance[d].item() == pytest.approx(cov - gain @ joint[1:, 0], rel=1e-9)
+
+
+def test_absorbing_one_by_one_equals_all_prefixes_at_once():
+    encoder, transitions = encoder_of(), transitions_of(6, 9)
+    noise = encoder.draw_noise((6, 9))
+    prefixes = encoder.prefixes(transitions, noise)
+    statistics = encoder.empty((6,))
+    for t in range(10):
+        for carried, prefix in zip(statistics, prefixes, strict=True):
+            th.testing.assert_close(carried, prefix[:, t])
+        if t < 9:
+            now = Transitions(*(one[:, t] for one in transitions))
+            statistics = encoder.absorb(statistics, now, noise[:, t])
+
+
+def test_noise_is_an_argument():
+    encoder, transitions = encoder_of(), transitions_of(5)
+    assert not encoder.draw_noise((5,), deterministic=True).any()
+    noise = encoder.draw_noise((5,))
+    again, other = (
+        encoder.prefixes(transitions, noise),
+        encoder.prefixes(transitions, encoder.draw_noise((5,))),
+    )
+    th.testing.assert_close(again, encoder.prefixes(transitions, noise), rtol=0, atol=0)
+    assert not th.allclose(again[1], other[1])
+
+
+def test_belief_is_mean_and_variance_or_the_mean_alone():
+    statistics = last(encoder_of().prefixes(transitions_of(4, 7), th.zeros(4, 7, 4, dtype=th.float64)))
+    both, mean = encoder_of(), encoder_of(belief="mean")
+    posterior = both.posterior(statistics)
+    th.testing.assert_close(both.belief(statistics), th.cat([posterior.mean, posterior.variance], dim=-1))
+    th.testing.assert_close(mean.belief(statistics), posterior.mean)
+    assert (both.belief_dim, mean.belief_dim) == (10, 5)
+
+
+@pytest.mark.parametrize(
+    ("modelled", "extra_dims", "latent_dim"),
+    [
+        ("rewards", None, 5),
+        ("rewards", 2, 3),
+        ("next_observations", None, 3),
+        ("both", None, 4),
+        ("both", 1, 5),
+    ],
+)
+def test_what_is_modelled_sets_the_latent_dimension(modelled, extra_dims, latent_dim):
+    assert encoder_of(modelled=modelled, extra_dims=extra_dims).latent_dim == latent_dim
+
+
+def test_only_what_is_modelled_enters_the_belief():
+    noise = encoder_of().draw_noise((6,))
+    transitions = transitions_of(6)
+    elsewhere = transitions._replace(next_observations=transitions.next_observations + 1)
+    th.testing.assert_close(encoder_of().prefixes(transitions, noise), encoder_of().prefixes(elsewhere, noise))
+    dynamics = encoder_of(modelled="next_observations", extra_dims=4)
+    richer = transitions._replace(rewards=transitions.rewards + 1)
+    th.testing.assert_close(dynamics.prefixes(transitions, noise), dynamics.prefixes(richer, noise))
+
+
+def test_bound_without_noise_is_eq_4_by_a_dense_gaussian(monkeypatch):
+    """log p(y_t | x_t, tau_1:k) by conditioning the joint of theta-free latents, k fixed at 3 of 8."""
+    encoder, transitions = encoder_of(extra_dims=0), transitions_of(2, 8)
+    monkeypatch.setattr(th, "randint", lambda *args: th.tensor(3))
+    bound = encoder.bound(transitions).nats.item()
+    z, log_det = encoder.latents(transitions, encoder.draw_noise((2, 8)))
+    var, cov = encoder.process.var.item(), encoder.process.cov.item()
+    gain = np.linalg.solve(np.full((3, 3), cov) + (var - cov) * np.eye(3), np.full(3, cov))
+    means, spread = z[:, :3, 0].detach().numpy() @ gain, math.sqrt(var - gain @ np.full(3, cov))
+    expected = Normal(th.as_tensor(means)[:, None], spread).log_prob(z[..., 0]) + log_det
+    assert bound == pytest.approx(expected.mean().item(), rel=1e-9)
+
+
+def test_bound_holds_and_is_tight_where_noise_is_left_alone(monkeypatch):
+    """A flow that copies the noise makes log p(y, eps) - log p(eps) exact: the bound, constant included, is equal."""
+
+    class Copy(ConditionalFlow):
+        def forward(self, y, x):
+            return super().forward(y, x)._replace(z=y, log_det=y[..., 0] * 0)
+
+    encoder, transitions = encoder_of(), transitions_of(400, 40)
+    encoder.flow.__class__ = Copy
+    with th.no_grad():
+        encoder.process.correlation_logit.fill_(-30.0)  # standard normal latents, nothing to infer
+    exact = Normal(0.0, 1.0).log_prob(transitions.rewards).mean().item()
+    assert encoder.bound(transitions).nats.item() == pytest.approx(exact, abs=0.05)
+
+
+def test_context_is_the_papers_for_a_hundred_transitions(monkeypatch):
+    asked = []
+    real = th.randint
+    monkeypatch.setattr(th, "randint", lambda low, high, size: asked.append((low, high)) or real(low, high, size))
+    encoder_of().bound(transitions_of(2, 100))
+    encoder_of().bound(transitions_of(2, 50))
+    encoder_of().bound(transitions_of(2, 1))
+    assert asked == [(25, 75), (12, 37), (1, 2)]
+
+
+def test_encoder_learns_the_hidden_task():
+    """r = d a with d = +-1: after training, the belief after 10 transitions tells the two apart."""
+    th.manual_seed(0)
+    encoder = BrunoEncoder(1, 1, **SMALL)
+    optimizer = th.optim.Adam(encoder.parameters(), lr=3e-3)
+
+    def sequences(batch, time):
+        direction = th.randint(2, (batch, 1, 1)) * 2.0 - 1
+        observations, actions = th.randn(batch, time, 1), th.rand(batch, time, 1) * 2 - 1
+        rewards = direction * actions + 0.1 * th.randn_like(actions)
+        return Transitions(observations, actions, rewards, observations), direction[:, 0, 0]
+
+    first = None
+    for _ in range(600):
+        bound = encoder.bound(sequences(16, 32)[0]).nats
+        first = bound.item() if first is None else first
+        optimizer.zero_grad()
+        (-bound).backward()
+        optimizer.step()
+    assert bound.item() > first + 0.3
+    transitions, direction = sequences(400, 10)
+    with th.no_grad():
+        noise = encoder.draw_noise((400, 10), deterministic=True)
+        means = encoder.posterior(last(encoder.prefixes(transitions, noise))).mean.numpy()
+    weights, *_ = np.linalg.lstsq(np.c_[means, np.ones(400)][:200], direction.numpy()[:200])
+    right = np.sign(np.c_[means, np.ones(400)][200:] @ weights) == direction.numpy()[200:]
+    assert right.mean() > 0.9
+
+
+@pytest.mark.parametrize("modelled", ["rewards", "both"])
+def test_outcomes_have_the_density_of_the_predictive(modelled):
+    """Map samples forward again: their latents must have the predictive's moments."""
+    encoder = encoder_of(modelled=modelled, extra_dims=0)
+    statistics = last(encoder.prefixes(transitions_of(7), encoder.draw_noise((7,))))
+    observation, action = th.zeros(3, dtype=th.float64), th.ones(2, dtype=th.float64)
+    with th.no_grad():
+        outcomes = encoder.outcomes(statistics, observation, action, 20_000)
+        assert outcomes.rewards.shape == (20_000, 1)
+        assert (outcomes.next_observations is None) == (modelled == "rewards")
+        there = observation.expand(20_000, 3) if outcomes.next_observations is None else outcomes.next_observations
+        drawn = Transitions(observation.expand(20_000, 3), action.expand(20_000, 2), outcomes.rewards, there)
+        z = encoder.latents(drawn, encoder.draw_noise((20_000,))).z
+        predictive = encoder.process.predictive(encoder.process.empty()._make(statistics))
+    np.testing.assert_allclose(z.mean(dim=0), predictive.mean, atol=0.05)
+    np.testing.assert_allclose(z.var(dim=0), predictive.variance, rtol=0.05)
+    median, mean = outcomes.quantile(0.5).rewards, outcomes.mean().rewards
+    assert median.shape == mean.shape == (1,)
+    assert outcomes.quantile(0.9).rewards > median > outcomes.quantile(0.1).rewards
+
+
+def test_dense_joint_of_a_whole_history_agrees_with_the_evidence():
+    encoder, transitions = encoder_of(extra_dims=0), transitions_of(6)
+    z, log_det = encoder.latents(transitions, encoder.draw_noise((6,)))
+    var, cov = encoder.process.var.item(), encoder.process.cov.item()
+    dense = MultivariateNormal(
+        th.zeros(6, dtype=th.float64), th.full((6, 6), cov) + (var - cov) * th.eye(6, dtype=th.float64)
+    )
+    evidence = encoder.process.log_evidence(encoder.process.statistics(z)).item() + log_det.sum().item()
+    assert evidence == pytest.approx((dense.log_prob(z[:, 0]) + log_det.sum()).item(), rel=1e-9)
+
+
+@pytest.mark.parametrize("bad", [{"modelled": "actions"}, {"belief": "var"}, {"extra_dims": -1}])
+def test_bad_arguments_are_named(bad):
+    with pytest.raises(ValueError, match=next(iter(bad))):
+        encoder_of(**bad)

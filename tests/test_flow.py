@@ -1,0 +1,74 @@
+"""The flow adapter: a bijection with the right log-determinant, for every zuko flow it may hold."""
+
+import io
+
+import pytest
+import torch as th
+import zuko
+
+from sb3_bruno.flow import ConditionalFlow, paper_maf
+
+FLOWS = {
+    "paper_maf": {},
+    "maf": {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16, 16)}},
+    "nsf": {"flow_class": zuko.flows.NSF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}},
+    "nice": {"flow_class": zuko.flows.NICE, "flow_kwargs": {"transforms": 3, "hidden_features": (16,)}},
+}
+
+
+@pytest.fixture(params=[(flow, features) for flow in FLOWS for features in (1, 5) if (flow, features) != ("nice", 1)])
+def flow(request):
+    name, features = request.param
+    th.manual_seed(0)
+    return ConditionalFlow(features, 3, **FLOWS[name]).double(), features
+
+
+def test_inverse_undoes_forward(flow):
+    flow, features = flow
+    y, x = th.randn(4, 6, features, dtype=th.float64), th.randn(4, 6, 3, dtype=th.float64)
+    th.testing.assert_close(flow.inverse(flow(y, x).z, x), y, rtol=1e-6, atol=1e-6)
+
+
+def test_log_det_is_that_of_the_jacobian(flow):
+    flow, features = flow
+    y, x = th.randn(5, features, dtype=th.float64), th.randn(5, 3, dtype=th.float64)
+    log_det = flow(y, x).log_det
+    assert log_det.shape == (5,)
+    for i in range(5):
+        jacobian = th.autograd.functional.jacobian(lambda one, i=i: flow(one, x[i]).z, y[i])
+        th.testing.assert_close(log_det[i], jacobian.slogdet().logabsdet, rtol=1e-6, atol=1e-8)
+
+
+def test_every_parameter_learns(flow):
+    flow, features = flow
+    latents = flow(th.randn(64, features, dtype=th.float64), th.randn(64, 3, dtype=th.float64))
+    (latents.z.square().sum() - latents.log_det.sum()).backward()
+    assert all(one.grad is not None and one.grad.isfinite().all() for one in flow.parameters())
+
+
+def test_state_dict_round_trip(flow):
+    flow, features = flow
+    file = io.BytesIO()
+    th.save(flow.state_dict(), file)
+    file.seek(0)
+    y, x = th.randn(5, features, dtype=th.float64), th.randn(5, 3, dtype=th.float64)
+    before = flow(y, x)
+    for one in flow.parameters():
+        th.nn.init.normal_(one)
+    flow.load_state_dict(th.load(file))
+    th.testing.assert_close(tuple(flow(y, x)), tuple(before))
+
+
+def test_paper_maf_bounds_the_log_scale_of_each_of_its_six_layers():
+    flow = ConditionalFlow(5, 3)
+    with th.no_grad():
+        for one in flow.parameters():
+            one.mul_(100)
+    log_det = flow(th.randn(100, 5), th.randn(100, 3)).log_det
+    assert log_det.abs().max() <= 6 * 5
+    assert len(paper_maf(5, 3).transform.transforms) == 6
+
+
+def test_something_else_than_a_flow_is_refused():
+    with pytest.raises(TypeError, match="flow_class"):
+        ConditionalFlow(2, 3, flow_class=th.nn.Linear)
