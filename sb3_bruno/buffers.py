@@ -24,6 +24,46 @@ Context = Literal["iid", "recent", "episode"]
 Slots = NDArray[np.int64]
 
 
+class EncodedSequences:
+    """Sequences with the belief at every step, read in a random order without repetition.
+
+    :param slots: shape (n_sequences, time)
+    :param lengths: how many steps of each row are real, shape (n_sequences,)
+    :param rng: shuffles the steps of each row
+    :param tensors: tasks (n_sequences, task_dim), transitions (n_sequences, time, dim), and beliefs
+        (n_sequences, time + 1, belief_dim), of which entry t has seen the first t transitions
+    """
+
+    def __init__(
+        self,
+        slots: Slots,
+        lengths: Slots,
+        rng: np.random.Generator,
+        tensors: tuple[th.Tensor, Transitions, th.Tensor],
+    ) -> None:
+        self.slots = slots
+        self.tensors = tensors
+        self._lengths = lengths
+        padding = np.arange(slots.shape[1]) >= lengths[:, None]
+        self._order = np.argsort(rng.random(slots.shape) + padding, axis=1)  # real steps first, shuffled
+        self._n_read = 0
+
+    def has(self, n_sequences: int, per_row: int) -> bool:
+        """Whether ``per_row`` unread steps are left in the longest of ``n_sequences`` rows."""
+        return len(self._lengths) == n_sequences and self._n_read + per_row <= int(self._lengths.max())
+
+    def read(self, batch_size: int, per_row: int) -> tuple[Slots, Slots]:
+        """The next ``batch_size`` places (row, step), spread evenly over the rows; a short row goes round again.
+
+        Example: 5 places in 2 rows are in rows 0 1 0 1 0, in each row at the steps that its shuffled order has next.
+        """
+        turns = np.arange(self._n_read, self._n_read + per_row) % self._lengths[:, None]
+        self._n_read += per_row
+        steps = np.take_along_axis(self._order, turns, axis=1)
+        rows = np.tile(np.arange(len(steps)), per_row)
+        return rows[:batch_size], steps.T.ravel()[:batch_size]
+
+
 class TaskReplayBuffer(ReplayBuffer):
     """Replay buffer of transitions grouped by the task in ``info["task"]``.
 
@@ -98,23 +138,26 @@ class TaskReplayBuffer(ReplayBuffer):
         self.episode_steps = np.zeros((self.buffer_size, n_envs), dtype=np.int32)
         self._running_lengths = np.zeros(n_envs, dtype=np.int64)
         self._encoder: TaskEncoder | None = None
+        self._encoded: EncodedSequences | None = None
 
     def set_encoder(self, encoder: TaskEncoder, layout: ExtendedObs) -> None:
         """Bind what samples are made with. Neither is pickled: bind again after unpickling."""
         self._encoder = encoder
         self._layout = layout
+        self.forget_beliefs()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in self.__dict__.items() if key not in ("_encoder", "_layout")}
+        return {key: value for key, value in self.__dict__.items() if key not in ("_encoder", "_layout", "_encoded")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._encoder = None
+        self._encoder = self._encoded = None
 
     def reset(self) -> None:
         super().reset()
         self.tasks = TaskIndex(self.buffer_size * self.n_envs)
         self._running_lengths[:] = 0
+        self.forget_beliefs()
 
     # -- storing ---------------------------------------------------------------------------------------------
 
@@ -135,6 +178,7 @@ class TaskReplayBuffer(ReplayBuffer):
             raise ValueError(
                 'A step info has no "task": wrap the env in `sb3_bruno_envs.MetaTask`, or put the task vector there.'
             )
+        self.forget_beliefs()
         first_slot = self.pos * self.n_envs
         for i, info in enumerate(infos):
             # + 0.0 makes -0.0 and 0.0 the same task
@@ -152,28 +196,44 @@ class TaskReplayBuffer(ReplayBuffer):
     def sample(self, batch_size: int, env: VecNormalize | None = None) -> ReplayBufferSamples:
         """Sample transitions between extended observations.
 
+        Consecutive calls read on in the same encoded sequences until these are used up or ``forget_beliefs`` is
+        called: with 16 sequences of 64 transitions and a batch size of 256, one encode serves four calls exactly.
+
         :param batch_size: number of transitions, spread evenly over the sequences
         :param env: the VecNormalize, if any, that normalises as it does in the rollouts
         :return: observations and next observations (batch_size, extended dim), the rest as in SB3
         :raises RuntimeError: if the buffer is empty or no encoder is bound
         """
+        n_sequences = min(self.n_sequences, batch_size)
+        per_row = -(-batch_size // n_sequences)
+        if self._encoded is None or not self._encoded.has(n_sequences, per_row):
+            self._encoded = self._encode(n_sequences, env)
+        row, step = self._encoded.read(batch_size, per_row)
+        slots, tasks, transitions, beliefs = self._encoded.slots, *self._encoded.tensors
+        slot = slots[row, step]
+        return ReplayBufferSamples(
+            observations=self._layout.join(transitions.observations[row, step], beliefs[row, step], tasks[row]),
+            actions=self.to_torch(self._flat(self.actions)[slot]),
+            next_observations=self._layout.join(
+                transitions.next_observations[row, step], beliefs[row, step + 1], tasks[row]
+            ),
+            dones=self.to_torch((self._flat(self.dones)[slot] * (1 - self._flat(self.timeouts)[slot]))[:, None]),
+            rewards=self.to_torch(self._normalize_reward(self._flat(self.rewards)[slot, None], env)),
+        )
+
+    def forget_beliefs(self) -> None:
+        """The encoder, the normalisation or the data changed: encode new sequences before the next sample."""
+        self._encoded = None
+
+    def _encode(self, n_sequences: int, env: VecNormalize | None) -> EncodedSequences:
         if self._encoder is None:
             raise RuntimeError("No encoder is bound: call `set_encoder` before `sample`.")
-        slots, lengths, tasks = self._context_slots(min(self.n_sequences, batch_size))
-        row, step = self._spread(batch_size, lengths, slots.shape[1])
+        slots, lengths, tasks = self._context_slots(n_sequences)
         transitions = self.transitions(slots, env)
         with th.no_grad():
             noise = self._encoder.draw_noise(slots.shape)
-            belief = self._encoder.belief(self._encoder.prefixes(transitions, noise))  # (sequences, time + 1, dim)
-        task = self.to_torch(tasks[row])
-        slot = slots[row, step]
-        return ReplayBufferSamples(
-            observations=self._layout.join(transitions.observations[row, step], belief[row, step], task),
-            actions=self.to_torch(self._flat(self.actions)[slot]),
-            next_observations=self._layout.join(transitions.next_observations[row, step], belief[row, step + 1], task),
-            dones=self.to_torch((self._flat(self.dones) * (1 - self._flat(self.timeouts)))[slot, None]),
-            rewards=self.to_torch(self._normalize_reward(self._flat(self.rewards)[slot, None], env)),
-        )
+            beliefs = self._encoder.belief(self._encoder.prefixes(transitions, noise))
+        return EncodedSequences(slots, lengths, self.rng, (self.to_torch(tasks), transitions, beliefs))
 
     def sample_sequences(self, n_sequences: int, env: VecNormalize | None = None) -> Transitions:
         """Sequences of transitions of one task each, exchangeable: what the encoder learns from.
@@ -274,17 +334,3 @@ class TaskReplayBuffer(ReplayBuffer):
         steps = np.minimum(np.arange(max(lengths.max(), 1)), np.maximum(lengths - 1, 0)[:, None])
         rows = (last_rows - np.maximum(lengths - 1, 0))[:, None] + steps
         return rows % self.buffer_size * self.n_envs + envs[:, None], lengths
-
-    def _spread(self, batch_size: int, lengths: Slots, time: int) -> tuple[Slots, Slots]:
-        """``batch_size`` places (row, step), spread evenly over the rows, with as few repeats in a row as can be.
-
-        Example: 5 places in 2 rows of 4 real steps: rows 0 1 0 1 0, the steps of each row without repetition.
-        """
-        n_rows = len(lengths)
-        per_row = -(-batch_size // n_rows)
-        padding = np.arange(time) >= lengths[:, None]
-        order = np.argsort(self.rng.random((n_rows, time)) + padding, axis=1)  # real steps first, shuffled
-        turn = np.arange(per_row) % lengths[:, None]  # a row shorter than per_row goes round again
-        steps = np.take_along_axis(order, turn, axis=1)
-        row = np.tile(np.arange(n_rows), per_row)[:batch_size]
-        return row, steps.T.ravel()[:batch_size]

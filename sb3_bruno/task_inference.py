@@ -167,6 +167,7 @@ class TaskInference(OffPolicyAlgorithm):
         """Update the encoder, then the actor-critic as SB3 does, on beliefs of the encoder as it is now."""
         if self._encoder_has_started():
             self._train_encoder(gradient_steps)
+        self.replay_buffer.forget_beliefs()
         super().train(gradient_steps, batch_size)
 
     def _encoder_has_started(self) -> bool:

@@ -267,8 +267,25 @@ def test_samples_rest_on_the_encoder_of_the_moment():
     before = stream.buffer.sample(64).next_observations[:, layout.belief]
     with th.no_grad():
         encoder.process.log_var.add_(3.0)
+    stream.buffer.forget_beliefs()
     after = stream.buffer.sample(64).next_observations[:, layout.belief]
     assert after[:, -1].mean() > 5 * before[:, -1].mean()
+
+
+def test_one_encode_serves_samples_until_its_steps_are_used_up_or_the_data_change():
+    stream = Stream(n_sequences=4, sequence_length=8)
+    for _ in range(50):
+        stream.add([0])
+    encodes = []
+    encode = stream.buffer._encode
+    stream.buffer._encode = lambda *args: encodes.append(args) or encode(*args)
+    sizes = np.concatenate([stream.check(stream.buffer.sample(16))[1][:, 0] for _ in range(2)])
+    assert len(encodes) == 1
+    assert np.bincount(sizes.astype(int)).tolist() == [4] * 8  # every step of the four sequences, once
+    stream.buffer.sample(16)
+    assert len(encodes) == 2
+    stream.add([0]).buffer.sample(16)
+    assert len(encodes) == 3
 
 
 def test_a_step_without_a_task_is_refused():
