@@ -1,0 +1,139 @@
+"""The main job in one command: train BrunoSAC on Cheetah-Dir, test it in both directions, save what came out.
+
+    python -m sb3_bruno.quickstart            # about ten minutes
+    python -m sb3_bruno.quickstart --full     # the run of docs/results.md
+
+A run that was interrupted goes on from its checkpoint when the same command is given again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch as th
+from stable_baselines3.common.env_util import make_vec_env
+
+from sb3_bruno import BrunoSAC
+from sb3_bruno.eval_callback import TaskEvalCallback, load_learning_curve
+from sb3_bruno.evaluation import AdaptationResult, evaluate_adaptation
+from sb3_bruno.plotting import plot_adaptation, plot_learning_curves
+from sb3_bruno.resume import ResumeCallback, resume
+from sb3_bruno.task_inference import TaskInference
+from sb3_bruno_envs import CHEETAH_DIR_TASKS
+
+ENV_ID = "sb3_bruno_envs:CheetahDir-v0"
+SHORT_STEPS, FULL_STEPS = 30_000, 100_000  # env steps
+TEST_STEPS, TEST_EPISODES = 1_000, 10  # the paper's final test, per direction
+HYPERPARAMETERS: dict[str, Any] = {
+    "learning_rate": 1e-3,
+    "learning_starts": 5_000,
+    "gradient_steps": 5,
+    "policy_kwargs": {"net_arch": [256, 256], "optimizer_kwargs": {"fused": True}},
+    "replay_buffer_kwargs": {"n_sequences": 16, "sequence_length": 80},
+    "encoder_learning_rate": 2e-3,
+    "encoder_update_ratio": 0.4,
+    "encoder_learning_starts": 1_000,
+}
+"""Those of ``zoo_configs/bruno_sac.yml``, which a test holds equal."""
+N_ENVS = 10
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Parse the command line and run."""
+    parser = argparse.ArgumentParser(
+        prog="python -m sb3_bruno.quickstart", description="Train BrunoSAC on Cheetah-Dir and show that it adapts."
+    )
+    parser.add_argument("--full", action="store_true", help=f"train for {FULL_STEPS:,} env steps")
+    parser.add_argument("--steps", type=int, help=f"train for as many env steps (default {SHORT_STEPS:,})")
+    parser.add_argument("--seed", type=int, default=1, help="seed of everything random (default 1)")
+    parser.add_argument("--out", type=Path, default=Path("runs"), help="folder of the results (default runs/)")
+    options = parser.parse_args(arguments)
+    steps = options.steps or (FULL_STEPS if options.full else SHORT_STEPS)
+    if steps < 1:
+        parser.error(f"--steps must be positive, got {steps}")
+    run(steps, options.seed, options.out / f"cheetah_dir_{steps}_seed{options.seed}")
+
+
+def run(steps: int, seed: int, folder: Path) -> AdaptationResult:
+    """Train (or go on training), test, save; prints where the results are and what they show."""
+    th.set_num_threads(1)  # small networks are fastest so, and two runs side by side do not hurt each other
+    folder.mkdir(parents=True, exist_ok=True)
+    model = train(steps, seed, folder)
+    model.save(folder / "model.zip")
+    result = evaluate_adaptation(
+        model,
+        lambda: gym.make(ENV_ID, split="test", max_episode_steps=TEST_STEPS),
+        CHEETAH_DIR_TASKS.tasks("test"),
+        n_episodes=TEST_EPISODES,
+        config={"env": "CheetahDir-v0", "algo": "BrunoSAC", "env_steps": steps, "seed": seed, **HYPERPARAMETERS},
+    )
+    result.save(folder / "adaptation.json")
+    plot_adaptation({"BrunoSAC": result}, folder / "adaptation.png")
+    plot_learning_curves({"BrunoSAC": [load_learning_curve(folder)]}, folder / "learning_curve.png")
+    report = describe(result)
+    (folder / "summary.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    print(result.summary())
+    print(f"Tasks are one-hot: 1_0 is backward, 0_1 is forward. Results in {folder.resolve()}:")
+    print("  model.zip           the agent: BrunoSAC.load(...)")
+    print("  adaptation.png      reward per env step in each direction: how fast it works out which way to run")
+    print("  learning_curve.png  test return while training; adaptation.json, summary.json: the numbers")
+    return result
+
+
+def train(steps: int, seed: int, folder: Path) -> TaskInference:
+    """Train for ``steps`` env steps in all, from the checkpoint in ``folder`` if there is one."""
+    checkpoint = folder / "checkpoint.pkl"
+    env = make_vec_env(ENV_ID, N_ENVS, seed=seed)
+    test_env = make_vec_env(ENV_ID, 10, seed=1_000 + seed, env_kwargs={"split": "test", "draw": "cycle"})
+    every = max(steps // 20 // N_ENVS, 1)
+    evaluate = TaskEvalCallback(
+        test_env, eval_freq=every, n_eval_episodes=20, log_path=str(folder), deterministic=True, verbose=0
+    )
+    if checkpoint.exists():
+        model = resume(checkpoint, env)
+        restore_curve(evaluate, folder, model.num_timesteps)
+        print(f"Going on at {model.num_timesteps:,} env steps, from {checkpoint}")
+    else:
+        model = BrunoSAC("MlpPolicy", env, seed=seed, **HYPERPARAMETERS)
+    callbacks = [evaluate, ResumeCallback(checkpoint, save_freq=10_000)]
+    remaining = steps - model.num_timesteps
+    if remaining > 0:
+        model.learn(remaining, callbacks, reset_num_timesteps=False, progress_bar=True)
+    return model
+
+
+def restore_curve(evaluate: TaskEvalCallback, folder: Path, until: int) -> None:
+    """Let the learning curve go on where the checkpoint was taken."""
+    try:
+        curve = load_learning_curve(folder)
+    except ValueError:  # the checkpoint is older than the first evaluation
+        return
+    known = curve.timesteps <= until
+    evaluate.evaluations_timesteps = curve.timesteps[known].tolist()
+    evaluate.evaluations_results = [row.tolist() for row in curve.returns[known]]
+    evaluate.evaluations_length = [[200] * len(row) for row in curve.returns[known]]
+    evaluate.evaluations_tasks = list(curve.tasks[known])
+
+
+def describe(result: AdaptationResult) -> dict[str, Any]:
+    """The numbers of a results table, as JSON."""
+    backward, forward = result.mean_return().tolist()
+    interval = result.iqm()
+    return {
+        "return_1000": {"mean": float(np.mean([backward, forward])), "backward": backward, "forward": forward},
+        "return_200": dict(zip(("backward", "forward"), result.mean_return(200).tolist(), strict=True)),
+        "lowest_episode_1000": float(result.returns().min()),
+        "iqm_1000": interval._asdict(),
+        "steps_to_steady": result.steps_to_steady().tolist(),
+        "config": result.config,
+        "versions": result.versions,
+    }
+
+
+if __name__ == "__main__":
+    main()

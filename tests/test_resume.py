@@ -1,0 +1,187 @@
+"""Exact resume: the resumed run equals the uninterrupted one, bit for bit, whenever the process dies."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch as th
+import zuko
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
+
+from sb3_bruno import BrunoSAC
+from sb3_bruno.resume import ResumeCallback, resume
+from sb3_bruno_envs import MetaTask, TransitionObservation
+
+STEPS = 480
+SETTINGS = {
+    "seed": 3,
+    "learning_starts": 60,
+    "gradient_steps": 2,
+    "batch_size": 32,
+    "buffer_size": 300,
+    "policy_kwargs": {"net_arch": [16]},
+    "encoder_kwargs": {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}},
+    "encoder_batch_size": 4,
+    "replay_buffer_kwargs": {"n_sequences": 4, "sequence_length": 16},
+}
+
+
+def point(n_envs=3, **kwargs):
+    return make_vec_env("sb3_bruno_envs:PointDir-v0", n_envs, seed=0, **kwargs)
+
+
+def normalized():
+    return VecNormalize(point(), gamma=0.9)
+
+
+class Die(BaseCallback):
+    """Ends training in the middle of a rollout, as a kill would."""
+
+    def __init__(self, after):
+        super().__init__()
+        self.after = after
+
+    def _on_step(self):
+        if self.num_timesteps >= self.after:
+            raise KeyboardInterrupt
+        return True
+
+
+def fingerprint(model):
+    tensors = [one for part in model.get_parameters().values() for one in _tensors(part)]
+    arrays = [model.replay_buffer.observations, model.replay_buffer.rewards, *model._belief_state]
+    return [one.detach().clone() for one in tensors] + [th.as_tensor(one).clone() for one in arrays]
+
+
+def _tensors(part):
+    if isinstance(part, th.Tensor):
+        return [part]
+    if isinstance(part, dict):
+        return [tensor for one in part.values() for tensor in _tensors(one)]
+    return []
+
+
+def scramble_random_states():
+    np.random.seed(99)  # noqa: NPY002  # what SB3 draws from
+    th.manual_seed(98)
+
+
+@pytest.mark.parametrize("make_env", [point, normalized, lambda: point(1)], ids=["plain", "VecNormalize", "one env"])
+@pytest.mark.parametrize("died_at", [150, 331])
+def test_a_resumed_run_equals_the_uninterrupted_one(tmp_path, make_env, died_at):
+    whole = BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(STEPS)
+    path = tmp_path / "checkpoint.pkl"
+    with pytest.raises(KeyboardInterrupt):
+        BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(STEPS, [ResumeCallback(path, 60), Die(died_at)])
+    scramble_random_states()
+    resumed = resume(path, make_env())
+    assert 0 < resumed.num_timesteps <= died_at
+    resumed.learn(STEPS - resumed.num_timesteps, reset_num_timesteps=False)
+    assert resumed.num_timesteps == whole.num_timesteps
+    for one, two in zip(fingerprint(whole), fingerprint(resumed), strict=True):
+        assert th.equal(one, two)
+    assert resumed.ep_info_buffer[-1]["r"] == whole.ep_info_buffer[-1]["r"]
+
+
+@pytest.mark.mujoco
+def test_the_cheetahs_physics_goes_on_where_it_was(tmp_path):
+    def make_env():
+        return make_vec_env("sb3_bruno_envs:CheetahDir-v0", 2, seed=0)
+
+    whole = BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(240)
+    path = tmp_path / "checkpoint.pkl"
+    with pytest.raises(KeyboardInterrupt):
+        BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(240, [ResumeCallback(path, 50), Die(150)])
+    scramble_random_states()
+    resumed = resume(path, make_env())
+    resumed.learn(240 - resumed.num_timesteps, reset_num_timesteps=False)
+    for one, two in zip(fingerprint(whole), fingerprint(resumed), strict=True):
+        assert th.equal(one, two)
+
+
+TRAINING = f"""
+import sys, zuko
+from stable_baselines3.common.env_util import make_vec_env
+from sb3_bruno import BrunoSAC
+from sb3_bruno.resume import ResumeCallback
+model = BrunoSAC("MlpPolicy", make_vec_env("sb3_bruno_envs:PointDir-v0", 3, seed=0), **{{**eval(sys.argv[2]),
+    "encoder_kwargs": {{"flow_class": zuko.flows.MAF, "flow_kwargs": {{"transforms": 2, "hidden_features": (16,)}}}}}})
+model.learn({STEPS} * 100, ResumeCallback(sys.argv[1], 3))
+"""
+
+
+def test_a_kill_at_any_moment_leaves_a_whole_checkpoint(tmp_path):
+    path = tmp_path / "checkpoint.pkl"
+    settings = repr({key: value for key, value in SETTINGS.items() if key != "encoder_kwargs"})
+    process = subprocess.Popen([sys.executable, "-c", TRAINING, str(path), settings])
+    try:
+        while not path.exists():
+            assert process.poll() is None
+            time.sleep(0.05)
+        time.sleep(1.0)  # a checkpoint every step: the kill falls into the midst of one
+    finally:
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    model = resume(path, point())
+    assert model.num_timesteps > 0
+    model.learn(60, reset_num_timesteps=False)
+
+
+def test_envs_whose_state_is_lost_go_on_with_a_new_episode_and_say_so(tmp_path):
+    path = tmp_path / "checkpoint.pkl"
+
+    def in_processes():
+        return point(2, vec_env_cls=SubprocVecEnv)
+
+    env = in_processes()
+    BrunoSAC("MlpPolicy", env, **SETTINGS).learn(150, ResumeCallback(path, 60))
+    env.close()
+    env = in_processes()
+    with pytest.warns(UserWarning, match="new episode, because the state of envs inside SubprocVecEnv"):
+        model = resume(path, env)
+    steps = model.num_timesteps
+    model.learn(60, reset_num_timesteps=False)
+    assert model.num_timesteps == steps + 60
+    env.close()
+
+
+@pytest.mark.mujoco
+def test_an_env_that_forgets_its_state_when_pickled_is_found_out(tmp_path):
+    def make_env():
+        return TransitionObservation(MetaTask(gym.make("HalfCheetah-v5", max_episode_steps=50)))
+
+    path = tmp_path / "checkpoint.pkl"
+    BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(90, ResumeCallback(path, 40))
+    with pytest.warns(UserWarning, match="HalfCheetahEnv pickles its constructor's arguments"):
+        resume(path, make_env())
+
+
+def test_an_env_that_cannot_be_pickled_is_no_error(tmp_path):
+    class Stubborn(gym.Wrapper):
+        def __getstate__(self):
+            raise TypeError("no")
+
+    def make_env():
+        return Stubborn(gym.make("sb3_bruno_envs:PointDir-v0"))
+
+    path = tmp_path / "checkpoint.pkl"
+    BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(90, ResumeCallback(path, 40))
+    with pytest.warns(UserWarning, match="cannot be pickled"):
+        assert resume(path, make_env()).num_timesteps > 0
+
+
+def test_mistakes_are_named(tmp_path):
+    with pytest.raises(ValueError, match="save_freq"):
+        ResumeCallback(tmp_path / "checkpoint.pkl", 0)
+    with pytest.raises(FileNotFoundError):
+        resume(tmp_path / "none.pkl", point())
+    BrunoSAC("MlpPolicy", point(), **SETTINGS).learn(90, ResumeCallback(tmp_path / "checkpoint.pkl", 40))
+    with pytest.raises(ValueError, match="2 envs, the checkpoint 3"):
+        resume(tmp_path / "checkpoint.pkl", point(2))
