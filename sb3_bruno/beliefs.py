@@ -54,8 +54,10 @@ class AgentView:
         """
         observed = self.observe(*transitions)
         with th.no_grad():
-            noise = self.encoder.draw_noise(observed.rewards.shape[:-1], deterministic=True)
-            statistics = tuple(one[..., -1, :] for one in self.encoder.prefixes(observed, noise))
+            statistics = self.encoder.empty(observed.rewards.shape[:-2])
+            if observed.rewards.shape[-2] > 0:  # torch cannot run a flow on nothing
+                noise = self.encoder.draw_noise(observed.rewards.shape[:-1], deterministic=True)
+                statistics = tuple(one[..., -1, :] for one in self.encoder.prefixes(observed, noise))
             return TaskBelief(self.encoder.posterior(statistics), statistics)
 
     def carried(self, state: State) -> TaskBelief:

@@ -39,6 +39,17 @@ def resolve_policy(
     return resolved
 
 
+def join_policy_kwargs(given: dict[str, Any] | None, inference: dict[str, Any]) -> dict[str, Any]:
+    """The user's ``policy_kwargs`` with those of task inference.
+
+    :raises ValueError: if a key is in both
+    """
+    twice = sorted(set(given or {}) & set(inference))
+    if twice:
+        raise ValueError(f"{twice} must not be in `policy_kwargs`: pass `{twice[0]}=...` to the algorithm itself.")
+    return {**(given or {}), **inference}
+
+
 def check_algorithm(model: TaskInference) -> None:
     """Refuse settings of SB3 that a task encoder cannot honour.
 

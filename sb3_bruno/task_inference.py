@@ -23,7 +23,13 @@ from stable_baselines3.common.utils import FloatSchedule, update_learning_rate
 
 from sb3_bruno.beliefs import AgentView, TaskBelief
 from sb3_bruno.buffers import TaskReplayBuffer
-from sb3_bruno.checks import check_algorithm, check_task_infos, read_task_space, resolve_policy
+from sb3_bruno.checks import (
+    check_algorithm,
+    check_task_infos,
+    join_policy_kwargs,
+    read_task_space,
+    resolve_policy,
+)
 from sb3_bruno.encoders import BrunoEncoder, Outcomes, TaskEncoder, Transitions
 from sb3_bruno.extended_obs import CriticInput
 from sb3_bruno.policies import State, TaskInferencePolicy
@@ -76,12 +82,8 @@ class TaskInference(OffPolicyAlgorithm):
         self._encoder_updates_due = 0.0
         self._belief_state: State | None = None
         self._next_belief_state: State | None = None
-        kwargs["policy_kwargs"] = {
-            **(kwargs.get("policy_kwargs") or {}),
-            "encoder_class": encoder_class,
-            "encoder_kwargs": encoder_kwargs,
-            "critic_input": critic_input,
-        }
+        inference = {"encoder_class": encoder_class, "encoder_kwargs": encoder_kwargs, "critic_input": critic_input}
+        kwargs["policy_kwargs"] = join_policy_kwargs(kwargs.get("policy_kwargs"), inference)
         super().__init__(resolve_policy(policy, self.policy_aliases), env, *args, **kwargs)
 
     def _setup_model(self) -> None:

@@ -1,0 +1,85 @@
+"""Beliefs and predictions for people: in the env's own units, equal to what the agent carries."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import zuko
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+from sb3_bruno import BrunoSAC, Transitions
+from sb3_bruno_envs import MetaTask, TransitionObservation
+
+SMALL = {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}}
+
+
+def pendulum():
+    """Actions in [-2, 2]: another scale than the encoder's."""
+    return TransitionObservation(MetaTask(gym.make("Pendulum-v1")))
+
+
+def make_model(normalize, **encoder_kwargs):
+    env = DummyVecEnv([pendulum])
+    env = VecNormalize(env) if normalize else env
+    settings = {"learning_starts": 50, "batch_size": 16, "policy_kwargs": {"net_arch": [16]}}
+    model = BrunoSAC("MlpPolicy", env, seed=0, encoder_kwargs={**SMALL, **encoder_kwargs}, **settings)
+    return model.learn(80)
+
+
+@pytest.mark.parametrize("normalize", [False, True])
+def test_infer_equals_the_belief_that_the_agent_carries(normalize):
+    model = make_model(normalize)
+    env, seen = pendulum(), []
+    observation, _ = env.reset(seed=1)
+    state, action, rng = None, None, np.random.default_rng(0)
+    for _ in range(15):
+        normalizer = model.get_vec_normalize_env()
+        shown = normalizer.normalize_obs(observation) if normalize else observation
+        _, state = model.predict(shown, state, deterministic=True)
+        action = rng.uniform(-2, 2, size=1).astype(np.float32)
+        before = observation["observation"]
+        observation, reward, *_ = env.step(action)
+        seen.append((before, action, [reward], observation["observation"]))
+    history = Transitions(*map(np.array, zip(*seen[:-1], strict=True)))
+    carried, inferred = model.belief(state), model.infer(history)
+    np.testing.assert_allclose(inferred.mean, carried.mean[0], rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(inferred.var, carried.var[0], rtol=1e-4)
+    order = rng.permutation(14)
+    shuffled = model.infer(Transitions(*(one[order] for one in history)))
+    np.testing.assert_allclose(shuffled.mean, inferred.mean, rtol=1e-4, atol=1e-6)
+
+
+def test_no_transitions_give_the_prior():
+    model = make_model(False)
+    belief = model.infer(Transitions(np.zeros((0, 3)), np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 3))))
+    np.testing.assert_allclose(belief.mean, 0)
+    np.testing.assert_allclose(belief.var, model.encoder.process.cov.detach(), rtol=1e-5)
+
+
+def test_batches_of_sets():
+    model = make_model(False)
+    rng = np.random.default_rng(0)
+    sets = Transitions(*(rng.normal(size=(4, 6, dim)) for dim in (3, 1, 1, 3)))
+    belief = model.infer(sets)
+    assert belief.mean.shape == (4, 5)
+    alone = model.infer(Transitions(*(one[2] for one in sets)))
+    np.testing.assert_allclose(belief.mean[2], alone.mean, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("normalize", [False, True])
+def test_outcomes_come_in_the_envs_own_units(normalize):
+    """An encoder that knows nothing predicts standard normal in what the agent sees: undo the normalisation."""
+    model = make_model(normalize, modelled="both", extra_dims=0)
+    for one in model.encoder.flow.parameters():
+        one.data.zero_()  # the identity
+    model.encoder.process.log_var.data.zero_()
+    belief = model.infer(Transitions(np.zeros((0, 3)), np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 3))))
+    outcomes = model.predict_outcomes(belief, np.zeros(3), np.zeros(1), n_samples=20_000)
+    means, variances = {"observation": 0.0, "reward": 0.0}, {"observation": 1.0, "reward": 1.0}
+    if normalize:
+        for key, statistics in model.get_vec_normalize_env().obs_rms.items():
+            means[key], variances[key] = statistics.mean, statistics.var
+    for key, samples in (("reward", outcomes.rewards), ("observation", outcomes.next_observations)):
+        scale = np.sqrt(variances[key])
+        np.testing.assert_allclose((samples.numpy().mean(axis=0) - means[key]) / scale, 0, atol=0.05)
+        np.testing.assert_allclose(samples.numpy().std(axis=0) / scale, 1, rtol=0.05)
+    assert outcomes.mean().rewards.shape == outcomes.quantile(0.9).rewards.shape == (1,)
