@@ -76,7 +76,10 @@ def check_algorithm(model: TaskInference) -> None:
 def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Space[Any]) -> None:
     keys = {"observation", "action", "reward", "episode_start"}
     if not isinstance(observation_space, spaces.Dict) or set(observation_space.spaces) != keys:
-        raise ValueError(f"The observation space must be a Dict of {sorted(keys)}, got {observation_space}: {WRAP}.")
+        raise ValueError(
+            f"The observation space must be a Dict of {sorted(keys)}, got {observation_space}: {WRAP}. Wrappers of the "
+            "observation itself (stacked frames, say) go below MetaTask."
+        )
     if not all(isinstance(space, spaces.Box) for space in observation_space.spaces.values()):
         raise ValueError(f"Every key of the observation space must be a Box, got {observation_space}: {WRAP}.")
     if is_image_space(observation_space["observation"]):
@@ -86,7 +89,10 @@ def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Spa
         )
     wanted = (spaces.flatdim(action_space),)
     if observation_space["action"].shape != wanted:
-        raise ValueError(f"`action` must have shape {wanted}, got {observation_space['action'].shape}: {WRAP}.")
+        raise ValueError(
+            f"`action` must have shape {wanted}, got {observation_space['action'].shape}: {WRAP}. Wrappers of the "
+            "action go below MetaTask."
+        )
 
 
 def read_task_space(env: VecEnv, known: spaces.Box | None = None) -> spaces.Box:

@@ -30,7 +30,12 @@ def paper_maf(features: int, context: int) -> MAF:
     Orders alternate between ascending and descending.
     """
     univariate = partial(MonotonicAffineTransform, slope=math.exp(-1))
-    return MAF(features, context, transforms=6, hidden_features=(128,), univariate=univariate)
+    flow = MAF(features, context, transforms=6, hidden_features=(128,), univariate=univariate)
+    for module in flow.modules():  # orders and masks follow from the arguments: nothing to save or to load
+        for name, buffer in list(module.named_buffers(recurse=False)):
+            if not buffer.is_floating_point():
+                module.register_buffer(name, buffer, persistent=False)
+    return flow
 
 
 class ConditionalFlow(nn.Module):

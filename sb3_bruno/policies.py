@@ -59,7 +59,7 @@ class TaskInferencePolicy(BasePolicy):
     ) -> None:
         if kwargs.get("features_extractor_class", FlattenExtractor) is not FlattenExtractor:
             raise ValueError(
-                f"`features_extractor_class={kwargs['features_extractor_class'].__name__}` is not supported: actor and "
+                f"`features_extractor_class={kwargs['features_extractor_class']!r}` is not supported: actor and "
                 "critics read slices of a flat vector. Extract features in an observation wrapper instead."
             )
         if kwargs.get("features_extractor_kwargs"):
@@ -75,6 +75,7 @@ class TaskInferencePolicy(BasePolicy):
     def _build(self, lr_schedule: Schedule) -> None:
         observation_dim = spaces.flatdim(self.observation_space["observation"])
         self.encoder = self.encoder_class(observation_dim, spaces.flatdim(self.action_space), **self.encoder_kwargs)
+        self.encoder.eval()  # but for its own updates
         self.layout = ExtendedObs(observation_dim, self.encoder.belief_dim, spaces.flatdim(self.task_space))
         for net_kwargs in (self.actor_kwargs, self.critic_kwargs):
             net_kwargs["observation_space"] = self.layout.space

@@ -102,7 +102,12 @@ class TaskInference(OffPolicyAlgorithm):
         self.encoder = self.policy.encoder
 
     def bind_buffer(self) -> None:
-        """Give the replay buffer the encoder that its samples are made with."""
+        """Give the replay buffer the encoder that its samples are made with.
+
+        :raises ValueError: if it is no ``TaskReplayBuffer``
+        """
+        if not isinstance(self.replay_buffer, TaskReplayBuffer):
+            raise ValueError(f"The replay buffer is a {type(self.replay_buffer).__name__}, no `TaskReplayBuffer`.")
         self.replay_buffer.set_encoder(self.encoder, self.policy.layout)
 
     # -- collecting ------------------------------------------------------------------------------------------
@@ -115,6 +120,7 @@ class TaskInference(OffPolicyAlgorithm):
         tb_log_name: str = "run",
         progress_bar: bool = False,
     ) -> tuple[int, BaseCallback]:
+        self.bind_buffer()  # a copied or unpickled buffer has lost its encoder
         starts_anew = reset_num_timesteps or self._last_obs is None
         result = super()._setup_learn(total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar)
         if starts_anew:
@@ -158,7 +164,8 @@ class TaskInference(OffPolicyAlgorithm):
     def collect_rollouts(self, *args: Any, **kwargs: Any) -> RolloutReturn:
         """As in SB3; an encoder that starts before the actor-critic is trained here until that starts too."""
         rollout = super().collect_rollouts(*args, **kwargs)
-        if self.num_timesteps <= self.learning_starts and self._encoder_has_started():
+        before_actor = self.num_timesteps <= self.learning_starts
+        if rollout.continue_training and before_actor and self._encoder_has_started():
             gradient_steps = self.gradient_steps if self.gradient_steps >= 0 else rollout.episode_timesteps
             self._train_encoder(gradient_steps)
         return rollout
@@ -185,7 +192,9 @@ class TaskInference(OffPolicyAlgorithm):
             return
         learning_rate = self.encoder_lr_schedule(self._current_progress_remaining)
         update_learning_rate(self.encoder_optimizer, learning_rate)
+        self.encoder.train()
         bounds = [self._update_encoder() for _ in range(n_updates)]
+        self.encoder.eval()
         self._n_encoder_updates += n_updates
         self._recall_running_episodes()
         self.logger.record("encoder/bound_nats", np.mean(bounds))

@@ -129,7 +129,7 @@ def test_point_dir() -> None:
             return np.tile([1.0, 0.0], (len(observation["observation"]), 1)), None
 
     result = evaluate_adaptation(Right(), lambda: gym.make("sb3_bruno_envs:PointDir-v0"), tasks, n_episodes=2)
-    assert result.rewards.shape == (8, 2, 30)
+    assert result.rewards.shape == (2, 2, 30)
     np.testing.assert_allclose(result.mean_return(), 30 * (tasks[:, 0] - 0.05), rtol=1e-5)
     np.testing.assert_array_equal(result.steps_to_steady(), 0)
 
