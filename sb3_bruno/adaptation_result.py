@@ -86,18 +86,25 @@ class AdaptationResult:
         return means
 
     def iqm(self, horizon: int | None = None, *, n_resamples: int = 2_000, seed: int = 0) -> Interval:
-        """The interquartile mean over all episodes of all tasks, with its 95 % interval.
+        """The interquartile mean over all episodes of all tasks, with its 95 % interval, by rliable.
 
         The interval is the percentile bootstrap, stratified by task, of Agarwal et al. (2021,
-        arXiv:2108.13264), as in their rliable. It says how sure these episodes make us about this model on
-        these tasks, not how other training seeds would fare.
+        arXiv:2108.13264). It says how sure these episodes make us about this model on these tasks, not how
+        other training seeds would fare. Needs the ``plots`` extra.
         """
-        returns = self.returns(horizon)
-        n_tasks, n_episodes = returns.shape
-        chosen = np.random.default_rng(seed).integers(n_episodes, size=(n_resamples, n_tasks, n_episodes))
-        resampled = returns[np.arange(n_tasks)[:, None], chosen]  # (n_resamples, n_tasks, n_episodes)
-        low, high = np.percentile(_interquartile_mean(resampled.reshape(n_resamples, -1)), [2.5, 97.5])
-        return Interval(float(_interquartile_mean(returns.reshape(-1))), float(low), float(high))
+        from rliable import library, metrics
+
+        state = np.random.get_state()  # noqa: NPY002  # rliable draws from it whatever it is passed
+        np.random.seed(seed)  # noqa: NPY002
+        try:
+            values, intervals = library.get_interval_estimates(
+                {"": self.returns(horizon).T},
+                lambda scores: np.array([metrics.aggregate_iqm(scores)]),
+                reps=n_resamples,
+            )
+        finally:
+            np.random.set_state(state)  # noqa: NPY002
+        return Interval(float(values[""][0]), *map(float, intervals[""][:, 0]))
 
     def mean_rewards(self) -> Floats:
         """The reward at each step, ``(n_tasks, horizon)``: the mean of the episodes still running, or NaN."""
@@ -186,13 +193,6 @@ def _nan_as_none(values: NDArray[np.float32]) -> list[Any]:
     flat = [None if math.isnan(value) else value for value in shortest.ravel().tolist()]
     nested: list[Any] = np.array(flat, dtype=object).reshape(values.shape).tolist()
     return nested
-
-
-def _interquartile_mean(values: Floats) -> Floats:
-    """The mean of the middle half along the last axis: scipy's ``trim_mean(values, 0.25, axis=-1)``."""
-    n = values.shape[-1]
-    middle: Floats = np.sort(values, axis=-1)[..., n // 4 : n - n // 4].mean(axis=-1)
-    return middle
 
 
 def _steps_to_steady(curve: Floats, fraction: float, window: int) -> int:

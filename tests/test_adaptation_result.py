@@ -100,23 +100,6 @@ def test_interval_is_stratified_by_task() -> None:
     assert result.iqm() == (50.5, 50.5, 50.5)
 
 
-def test_interval_agrees_with_rliable() -> None:
-    try:
-        from rliable import library
-    except (ImportError, TypeError):  # TypeError: its arch 7 beside pandas 3
-        pytest.skip("rliable cannot be imported")
-    result = AdaptationResult(np.zeros((3, 1)), np.random.default_rng(0).normal(size=(3, 12, 1)))
-
-    def iqm(scores: Any) -> Any:
-        return np.array([trim_mean(scores, 0.25, axis=None)])
-
-    state = np.random.get_state()  # noqa: NPY002  rliable draws from the global state
-    np.random.seed(0)  # noqa: NPY002
-    _, intervals = library.get_interval_estimates({"model": result.returns().T}, iqm, reps=2_000)
-    np.random.set_state(state)  # noqa: NPY002
-    np.testing.assert_allclose(result.iqm(n_resamples=20_000)[1:], intervals["model"].ravel(), atol=0.05)
-
-
 def test_summary_shows_each_task_and_its_lowest_episode(result: AdaptationResult) -> None:
     lines = result.summary().splitlines()
     assert lines[0] == "Returns over 4 steps: 2 tasks, 2 episodes each"
