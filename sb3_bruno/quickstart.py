@@ -41,6 +41,8 @@ HYPERPARAMETERS: dict[str, Any] = {
 }
 """Those of ``zoo_configs/bruno_sac.yml``, which a test holds equal."""
 N_ENVS = 10
+N_EVAL_ENVS, N_EVALUATIONS = 10, 20  # episodes per direction while training: as many as envs
+SAVE_FREQ = 10_000  # env steps between checkpoints
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -89,10 +91,13 @@ def train(steps: int, seed: int, folder: Path) -> TaskInference:
     """Train for ``steps`` env steps in all, from the checkpoint in ``folder`` if there is one."""
     checkpoint = folder / "checkpoint.pkl"
     env = make_vec_env(ENV_ID, N_ENVS, seed=seed)
-    test_env = make_vec_env(ENV_ID, 10, seed=1_000 + seed, env_kwargs={"split": "test", "draw": "cycle"})
-    every = max(steps // 20 // N_ENVS, 1)
+    test_env = make_vec_env(ENV_ID, N_EVAL_ENVS, seed=1_000 + seed, env_kwargs={"split": "test", "draw": "cycle"})
     evaluate = TaskEvalCallback(
-        test_env, eval_freq=every, n_eval_episodes=20, log_path=str(folder), deterministic=True, verbose=0
+        test_env,
+        eval_freq=max(steps // N_EVALUATIONS // N_ENVS, 1),
+        n_eval_episodes=2 * N_EVAL_ENVS,
+        log_path=str(folder),
+        verbose=0,
     )
     if checkpoint.exists():
         model = resume(checkpoint, env)
@@ -100,7 +105,7 @@ def train(steps: int, seed: int, folder: Path) -> TaskInference:
         print(f"Going on at {model.num_timesteps:,} env steps, from {checkpoint}")
     else:
         model = BrunoSAC("MlpPolicy", env, seed=seed, **HYPERPARAMETERS)
-    callbacks = [evaluate, ResumeCallback(checkpoint, save_freq=10_000)]
+    callbacks = [evaluate, ResumeCallback(checkpoint, SAVE_FREQ)]
     remaining = steps - model.num_timesteps
     if remaining > 0:
         model.learn(remaining, callbacks, reset_num_timesteps=False, progress_bar=True)

@@ -1,0 +1,135 @@
+"""The house stays as it was built: imports point down, setup.cfg knows every package, configs agree."""
+
+import ast
+import configparser
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[1]
+FLOORS = [
+    {"exchangeable", "flow", "adaptation_result", "task_index"},
+    {"encoders.base"},
+    {"encoders.bruno"},
+    {"encoders"},
+    {"extended_obs"},
+    {"buffers", "policies"},
+    {"beliefs", "checks"},
+    {"task_inference"},
+    {"bruno_sac", "resume"},
+    {""},  # the package's face
+    {"eval_callback", "evaluation"},
+    {"plotting"},
+    {"quickstart", "report"},
+]
+FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names}
+KNOWS = {  # beyond the standard library, numpy and each other
+    "exchangeable": {"torch"},
+    "flow": {"torch", "zuko"},
+    "task_index": set(),
+    "encoders.base": {"torch"},
+    "encoders.bruno": {"torch", "zuko"},
+}
+
+
+def name_of(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT / "sb3_bruno").with_suffix("").parts).removesuffix("__init__").strip(".")
+
+
+def imports_of(path: Path) -> set[str]:
+    """Modules that a file imports when it is imported."""
+    tree = ast.parse(path.read_text())
+    checking = {id(n) for node in ast.walk(tree) if _is_type_checking(node) for n in ast.walk(node)}
+    found = set()
+    for node in ast.walk(tree):
+        if id(node) in checking:
+            continue
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path.name}: relative import"
+            found.add(node.module)
+    return found
+
+
+def _is_type_checking(node: ast.AST) -> bool:
+    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+
+
+FILES = {name_of(path): path for path in sorted((ROOT / "sb3_bruno").rglob("*.py"))}
+ENV_FILES = sorted((ROOT / "envs" / "sb3_bruno_envs").rglob("*.py"))
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_imports_point_down(name):
+    for module in imports_of(FILES[name]):
+        if module == "sb3_bruno" or module.startswith("sb3_bruno."):
+            below = module.removeprefix("sb3_bruno").removeprefix(".")
+            assert FLOOR[below] < FLOOR[name], f"{name or 'sb3_bruno'} imports {module}"
+
+
+@pytest.mark.parametrize("name", KNOWS)
+def test_the_ground_floor_knows_its_mathematics_alone(name):
+    known = KNOWS[name] | {"numpy", "sb3_bruno", "__future__", "abc", "collections", "functools", "math", "typing"}
+    assert {module.split(".")[0] for module in imports_of(FILES[name])} <= known
+
+
+@pytest.mark.parametrize("path", ENV_FILES, ids=lambda path: path.stem)
+def test_envs_know_neither_the_algorithm_nor_torch(path):
+    tops = {module.split(".")[0] for module in imports_of(path)}
+    assert not tops & {"sb3_bruno", "torch", "stable_baselines3", "sb3_contrib", "zuko"}
+
+
+def test_the_algorithm_knows_no_env_outside_the_main_job():
+    for name, path in FILES.items():
+        assert name == "quickstart" or "sb3_bruno_envs" not in {one.split(".")[0] for one in imports_of(path)}
+
+
+def test_every_python_file_has_a_floor():
+    assert set(FILES) == set(FLOOR)
+
+
+def test_setup_cfg_lists_every_package_on_disk():
+    setup = configparser.ConfigParser()
+    setup.read(ROOT / "setup.cfg")
+    listed = set(setup["options"]["packages"].split())
+    roots = {"sb3_bruno": ROOT / "sb3_bruno", "sb3_bruno_envs": ROOT / "envs" / "sb3_bruno_envs"}
+    found = {
+        ".".join([package, *path.parent.relative_to(root).parts])
+        for package, root in roots.items()
+        for path in root.rglob("__init__.py")
+    }
+    assert listed == found
+    assert not (ROOT / "envs" / "__init__.py").exists()
+
+
+def test_every_dependency_has_an_exact_tested_version():
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pinned = {line.split("==")[0].lower().replace("_", "-") for line in lines if line and not line.startswith("#")}
+    assert all("==" in line for line in lines if line and not line.startswith("#"))
+    setup = configparser.ConfigParser()
+    setup.read(ROOT / "setup.cfg")
+    needed = setup["options"]["install_requires"] + "".join(setup["options.extras_require"].values())
+    for line in needed.splitlines():
+        requirement = line.split("#")[0].strip()
+        if requirement and not requirement.startswith("sb3_bruno["):
+            name = requirement.split("[")[0].split(" ")[0].split(">")[0].split("<")[0]
+            assert name.lower().replace("_", "-") in pinned, name
+
+
+def test_the_quickstart_trains_with_the_zoos_hyperparameters():
+    from sb3_bruno import quickstart
+
+    config = yaml.safe_load((ROOT / "zoo_configs" / "bruno_sac.yml").read_text())["CheetahDir-v0"]
+    config = {key: eval(value) if str(value).startswith("dict(") else value for key, value in config.items()}
+    assert config["n_envs"] == quickstart.N_ENVS
+    assert config["n_timesteps"] == quickstart.FULL_STEPS
+    for key, value in quickstart.HYPERPARAMETERS.items():
+        assert config[key] == value, key
+    defaults = {"policy": "MlpPolicy", "buffer_size": 1_000_000, "batch_size": 256, "train_freq": 1}
+    defaults |= {"gamma": 0.99, "tau": 0.005, "encoder_batch_size": 16}
+    rest = {
+        key: value for key, value in config.items() if key not in {"n_envs", "n_timesteps", *quickstart.HYPERPARAMETERS}
+    }
+    assert rest == defaults
