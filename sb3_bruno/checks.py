@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.policies import TaskInferencePolicy
-
-if TYPE_CHECKING:
-    from sb3_bruno.task_inference import TaskInference
 
 WRAP = "wrap the env in `sb3_bruno_envs.MetaTask` and then in `sb3_bruno_envs.TransitionObservation`"
 
@@ -50,8 +48,8 @@ def join_policy_kwargs(given: dict[str, Any] | None, inference: dict[str, Any]) 
     return {**(given or {}), **inference}
 
 
-def check_algorithm(model: TaskInference) -> None:
-    """Refuse settings of SB3 that a task encoder cannot honour.
+def check_algorithm(model: OffPolicyAlgorithm, encoder_batch_size: int, encoder_update_ratio: float) -> None:
+    """Refuse settings of SB3, and of the encoder's updates, that cannot be honoured.
 
     :raises ValueError: naming the argument, its value and the remedy
     """
@@ -66,10 +64,10 @@ def check_algorithm(model: TaskInference) -> None:
             f"`replay_buffer_class={buffer_class.__name__}` is not supported: transitions must be grouped by task. "
             "Leave it out, or subclass `TaskReplayBuffer`. A goal that is relabelled (HER) is no hidden task."
         )
-    if model.encoder_batch_size < 1:
-        raise ValueError(f"`encoder_batch_size` must be at least 1, got {model.encoder_batch_size}.")
-    if not model.encoder_update_ratio >= 0:
-        raise ValueError(f"`encoder_update_ratio` must not be negative, got {model.encoder_update_ratio}.")
+    if encoder_batch_size < 1:
+        raise ValueError(f"`encoder_batch_size` must be at least 1, got {encoder_batch_size}.")
+    if not encoder_update_ratio >= 0:
+        raise ValueError(f"`encoder_update_ratio` must not be negative, got {encoder_update_ratio}.")
     _check_spaces(model.observation_space, model.action_space)
 
 

@@ -87,7 +87,7 @@ class TaskInference(OffPolicyAlgorithm):
         super().__init__(resolve_policy(policy, self.policy_aliases), env, *args, **kwargs)
 
     def _setup_model(self) -> None:
-        check_algorithm(self)
+        check_algorithm(self, self.encoder_batch_size, self.encoder_update_ratio)
         if self.env is not None:
             self.task_space = read_task_space(self.env, getattr(self, "task_space", None))
         self.policy_kwargs["task_space"] = self.task_space

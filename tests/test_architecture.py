@@ -13,7 +13,7 @@ FLOORS = [
     {"encoders.base"},
     {"encoders.bruno"},
     {"encoders"},
-    {"extended_obs"},
+    {"encoded_sequences", "extended_obs"},
     {"buffers", "policies"},
     {"beliefs", "checks"},
     {"task_inference"},
