@@ -56,8 +56,7 @@ class AgentView:
         with th.no_grad():
             statistics = self.encoder.empty(observed.rewards.shape[:-2])
             if observed.rewards.shape[-2] > 0:  # torch cannot run a flow on nothing
-                noise = self.encoder.draw_noise(observed.rewards.shape[:-1], deterministic=True)
-                statistics = tuple(one[..., -1, :] for one in self.encoder.prefixes(observed, noise))
+                statistics = tuple(one[..., -1, :] for one in self.encoder.prefixes(observed))
             return TaskBelief(self.encoder.posterior(statistics), statistics)
 
     def carried(self, state: State) -> TaskBelief:

@@ -191,8 +191,7 @@ class TaskReplayBuffer(ReplayBuffer):
         slots, lengths, tasks = self._context_slots(n_sequences)
         transitions = self.transitions(slots, env)
         with th.no_grad():
-            noise = self._encoder.draw_noise(slots.shape)
-            beliefs = self._encoder.belief(self._encoder.prefixes(transitions, noise))
+            beliefs = self._encoder.belief(self._encoder.prefixes(transitions))
         return EncodedSequences(slots, lengths, self.rng, (self.to_torch(tasks), transitions, beliefs))
 
     def sample_sequences(self, n_sequences: int, env: VecNormalize | None = None) -> Transitions:

@@ -114,12 +114,12 @@ class TaskInferencePolicy(BasePolicy):
             (an array, as in the replay buffer) is acted on as it is
         :param state: the belief so far; None is the prior
         :param episode_start: where True, shape (n_envs,), the belief starts again from the prior
-        :param deterministic: the actor's mode, and no noise in the encoder
+        :param deterministic: the actor's mode instead of a sample
         :return: the actions, and the state after this observation
         """
         if not isinstance(observation, dict):
             return super().predict(observation, state, episode_start, deterministic)
-        extended, state = self.extend(observation, state, episode_start, deterministic)
+        extended, state = self.extend(observation, state, episode_start)
         actions, _ = super().predict(extended, deterministic=deterministic)
         return actions, state
 
@@ -128,7 +128,6 @@ class TaskInferencePolicy(BasePolicy):
         observation: dict[str, NDArray[Any]],
         state: State | None = None,
         episode_start: NDArray[Any] | None = None,
-        deterministic: bool = False,
     ) -> tuple[NDArray[np.float32], State]:
         """Absorb the transition that led to ``observation`` and lay out the extended observation.
 
@@ -161,8 +160,7 @@ class TaskInferencePolicy(BasePolicy):
             began = began | fresh
         with th.no_grad():
             transitions = Transitions(before, arrival["action"].float(), arrival["reward"].float(), here)
-            noise = self.encoder.draw_noise((n_envs,), deterministic=deterministic)
-            statistics = _where(began, statistics, self.encoder.absorb(statistics, transitions, noise))
+            statistics = _where(began, statistics, self.encoder.absorb(statistics, transitions))
             extended = self.layout.join(here, self.encoder.belief(statistics)).cpu().numpy()
         next_state = tuple(one.detach().cpu().numpy() for one in (*statistics, here))
         return (extended if vectorized else extended[0]), next_state

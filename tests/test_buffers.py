@@ -34,7 +34,7 @@ class Recorder(TaskEncoder):
         super().__init__()
         self.anchor = th.nn.Parameter(th.zeros(1))
 
-    def prefixes(self, transitions, noise):
+    def prefixes(self, transitions, noise=None):
         seen = th.cat([th.ones_like(transitions.observations), transitions.observations], dim=-1)
         return (th.nn.functional.pad(seen.cumsum(dim=-2), (0, 0, 1, 0)),)
 

@@ -267,7 +267,7 @@ def test_attributes_are_excluded_and_included_by_name(tmp_path):
 
 def test_policy_and_actor_are_saved_alone(tmp_path, trained):
     observation = make_pendulum().reset(seed=1)[0]
-    extended, _ = trained.policy.extend(observation, deterministic=True)
+    extended, _ = trained.policy.extend(observation)
     trained.policy.save(tmp_path / "policy")
     trained.actor.save(tmp_path / "actor")
     policy = BrunoSACPolicy.load(tmp_path / "policy", device="cpu")

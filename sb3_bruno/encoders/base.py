@@ -64,6 +64,9 @@ class Bound(NamedTuple):
 class TaskEncoder(nn.Module, ABC):
     """Infers the hidden task from transitions.
 
+    Noise that augments the transitions is an argument. Without it, it is zero: so a belief is a function of the
+    transitions, the same in training, rollouts and tests; only the bound draws noise.
+
     :ivar belief_dim: size of the vector that stands for the belief in the extended observation
     :ivar noise_dim: size of the noise that augments each transition, 0 for none
     """
@@ -71,22 +74,21 @@ class TaskEncoder(nn.Module, ABC):
     belief_dim: int
     noise_dim: int
 
-    def draw_noise(self, batch_shape: tuple[int, ...], *, deterministic: bool = False) -> Tensor:
-        """Standard normal noise for as many transitions, or zeros. Shape (*batch_shape, noise_dim)."""
+    def draw_noise(self, batch_shape: tuple[int, ...]) -> Tensor:
+        """Standard normal noise for as many transitions, shape (*batch_shape, noise_dim)."""
         like = next(self.parameters())
-        draw = th.zeros if deterministic else th.randn
-        return draw(*batch_shape, self.noise_dim, dtype=like.dtype, device=like.device)
+        return th.randn(*batch_shape, self.noise_dim, dtype=like.dtype, device=like.device)
 
     @abstractmethod
     def empty(self, batch_shape: tuple[int, ...] = ()) -> Statistics:
         """The statistics of no transitions: the prior."""
 
     @abstractmethod
-    def absorb(self, statistics: Statistics, transitions: Transitions, noise: Tensor) -> Statistics:
+    def absorb(self, statistics: Statistics, transitions: Transitions, noise: Tensor | None = None) -> Statistics:
         """The statistics after one more transition each. Transitions (..., dim), noise (..., noise_dim)."""
 
     @abstractmethod
-    def prefixes(self, transitions: Transitions, noise: Tensor) -> Statistics:
+    def prefixes(self, transitions: Transitions, noise: Tensor | None = None) -> Statistics:
         """The statistics of the first 0, 1, ..., time transitions: (..., time, dim) -> (..., time + 1, ...)."""
 
     @abstractmethod

@@ -71,8 +71,10 @@ class BrunoEncoder(TaskEncoder):
         self.flow = ConditionalFlow(self.latent_dim, observation_dim + action_dim, flow_class, flow_kwargs)
         self.process = ExchangeableGaussian(self.latent_dim)
 
-    def latents(self, transitions: Transitions, noise: Tensor) -> Latents:
+    def latents(self, transitions: Transitions, noise: Tensor | None = None) -> Latents:
         """z = flow(y | x) of each transition. (..., dim) and noise (..., noise_dim) -> (..., latent_dim), (...)"""
+        if noise is None:
+            noise = transitions.rewards.new_zeros(*transitions.rewards.shape[:-1], self.noise_dim)
         modelled = [noise]
         if self._next_observation_dim:
             modelled.insert(0, transitions.next_observations)
@@ -85,11 +87,11 @@ class BrunoEncoder(TaskEncoder):
     def empty(self, batch_shape: tuple[int, ...] = ()) -> Statistics:
         return self.process.empty(batch_shape)
 
-    def absorb(self, statistics: Statistics, transitions: Transitions, noise: Tensor) -> Statistics:
+    def absorb(self, statistics: Statistics, transitions: Transitions, noise: Tensor | None = None) -> Statistics:
         one_more = self.process.observe(self.latents(transitions, noise).z)
         return LatentStatistics(*statistics).merge(one_more)
 
-    def prefixes(self, transitions: Transitions, noise: Tensor) -> Statistics:
+    def prefixes(self, transitions: Transitions, noise: Tensor | None = None) -> Statistics:
         return self.process.prefixes(self.latents(transitions, noise).z)
 
     def posterior(self, statistics: Statistics) -> Normal:
