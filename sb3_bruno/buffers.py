@@ -22,6 +22,7 @@ from sb3_bruno.extended_obs import ExtendedObs
 from sb3_bruno.task_index import SlotQueue, TaskIndex
 
 Context = Literal["iid", "recent", "episode"]
+_RING = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts", "episode_steps")
 
 
 class TaskReplayBuffer(ReplayBuffer):
@@ -107,10 +108,17 @@ class TaskReplayBuffer(ReplayBuffer):
         self.forget_beliefs()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in self.__dict__.items() if key not in ("_encoder", "_layout", "_encoded")}
+        """Everything but the encoder, and of the ring only the rows that are filled."""
+        state = {key: value for key, value in self.__dict__.items() if key not in ("_encoder", "_layout", "_encoded")}
+        return {**state, **{name: getattr(self, name)[: self.size()] for name in _RING}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
+        for name in _RING:
+            filled = state[name]
+            ring = np.zeros((self.buffer_size, *filled.shape[1:]), dtype=filled.dtype)
+            ring[: len(filled)] = filled
+            setattr(self, name, ring)
         self._encoder = self._encoded = None
 
     def reset(self) -> None:

@@ -1,6 +1,6 @@
 """The task buffer, filled with observation = number of the transition, so that a wrong row shows."""
 
-import io
+import copy
 import pickle
 
 import numpy as np
@@ -218,19 +218,36 @@ def test_batch_size_is_the_number_of_transitions(batch_size):
     assert len(stream.check(stream.buffer.sample(batch_size))[0]) == batch_size
 
 
+def copy_of(stream, buffer):
+    """The same stream into another buffer."""
+    other = copy.copy(stream)
+    other.buffer = buffer
+    return other
+
+
 def test_pickling_keeps_everything_but_the_encoder():
     stream = Stream(2, context="episode")
     for step in range(30):
         stream.add([step // 10, 5], dones=[step % 10 == 9, False])
-    copy = pickle.loads(pickle.dumps(stream.buffer))
+    copied = pickle.loads(pickle.dumps(stream.buffer))
     with pytest.raises(RuntimeError, match="set_encoder"):
-        copy.sample(4)
-    copy.set_encoder(Recorder(), LAYOUT)
+        copied.sample(4)
+    copied.set_encoder(Recorder(), LAYOUT)
     for _ in range(5):
-        for one, two in zip(stream.buffer.sample(32), copy.sample(32), strict=True):
+        for one, two in zip(stream.buffer.sample(32), copied.sample(32), strict=True):
             if one is not None:
                 assert th.equal(one, two)
-    assert io.BytesIO(pickle.dumps(copy)).getbuffer().nbytes > 0
+    for one in (stream, copy_of(stream, copied)):  # and both go on alike, over the end of the ring
+        for step in range(60):
+            one.add([step, 5], dones=[step % 7 == 0, False])
+    for name in ("observations", "next_observations", "actions", "rewards", "dones", "timeouts", "episode_steps"):
+        np.testing.assert_array_equal(getattr(stream.buffer, name), getattr(copied, name))
+
+
+def test_an_empty_ring_takes_no_room_in_a_file():
+    small = Stream(buffer_size=1_000_000)
+    small.add([0])
+    assert len(pickle.dumps(small.buffer)) < 5_000_000  # the index knows every slot; the ring would take 40 MB more
 
 
 def test_samples_are_normalised_as_the_agent_observes():
