@@ -65,11 +65,20 @@ class AgentView:
         with th.no_grad():
             return TaskBelief(self.encoder.posterior(statistics), statistics)
 
-    def outcomes(self, belief: TaskBelief, observations: ArrayLike, actions: ArrayLike, n_samples: int) -> Outcomes:
+    def outcomes(
+        self,
+        belief: TaskBelief,
+        observations: ArrayLike,
+        actions: ArrayLike,
+        next_observations: ArrayLike | None,
+        n_samples: int,
+    ) -> Outcomes:
         """Samples of rewards and next observations after ``actions`` at ``observations``."""
-        here = self.observe(observations, actions, np.zeros((*np.shape(actions)[:-1], 1)), observations)
+        arrivals = observations if next_observations is None else next_observations
+        here = self.observe(observations, actions, np.zeros((*np.shape(actions)[:-1], 1)), arrivals)
+        there = None if next_observations is None else here.next_observations
         with th.no_grad():
-            samples = self.encoder.outcomes(belief.statistics, here.observations, here.actions, n_samples)
+            samples = self.encoder.outcomes(belief.statistics, here.observations, here.actions, there, n_samples)
         return self._unnormalize(samples)
 
     def observe(

@@ -244,16 +244,23 @@ class TaskInference(OffPolicyAlgorithm):
         return AgentView(self.policy, self._vec_normalize_env).carried(state)
 
     def predict_outcomes(
-        self, belief: TaskBelief, observations: ArrayLike, actions: ArrayLike, n_samples: int = 1_000
+        self,
+        belief: TaskBelief,
+        observations: ArrayLike,
+        actions: ArrayLike,
+        next_observations: ArrayLike | None = None,
+        n_samples: int = 1_000,
     ) -> Outcomes:
         """Samples of rewards and next observations in the env's own units, given a belief.
 
         :param belief: from ``infer`` or ``belief``
         :param observations: shape (..., observation_dim), the batch shape of ``belief``
         :param actions: shape (..., action_dim), in the env's units
+        :param next_observations: where the actions led, for an encoder with ``condition_on_next``
         :param n_samples: Monte Carlo samples, from which ``mean()`` and ``quantile(q)`` are taken
         """
-        return AgentView(self.policy, self._vec_normalize_env).outcomes(belief, observations, actions, n_samples)
+        view = AgentView(self.policy, self._vec_normalize_env)
+        return view.outcomes(belief, observations, actions, next_observations, n_samples)
 
     # -- saving ----------------------------------------------------------------------------------------------
 

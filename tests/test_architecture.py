@@ -9,7 +9,7 @@ import yaml
 
 ROOT = Path(__file__).parents[1]
 FLOORS = [
-    {"exchangeable", "flow", "adaptation_result", "task_index"},
+    {"exchangeable", "flow", "standardize", "adaptation_result", "task_index"},
     {"encoders.base"},
     {"encoders.bruno"},
     {"encoders"},
@@ -27,6 +27,7 @@ FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 KNOWS = {  # beyond the standard library, numpy and each other
     "exchangeable": {"torch"},
     "flow": {"torch", "zuko"},
+    "standardize": {"torch"},
     "task_index": set(),
     "encoders.base": {"torch"},
     "encoders.bruno": {"torch", "zuko"},

@@ -71,6 +71,8 @@ def test_outcomes_come_in_the_envs_own_units(normalize):
     model = make_model(normalize, modelled="both", extra_dims=0)
     for one in model.encoder.flow.parameters():
         one.data.zero_()  # the identity
+    model.encoder.standardize_y.mean.zero_()
+    model.encoder.standardize_y.var.fill_(1.0)
     model.encoder.process.log_var.data.zero_()
     belief = model.infer(Transitions(np.zeros((0, 3)), np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 3))))
     outcomes = model.predict_outcomes(belief, np.zeros(3), np.zeros(1), n_samples=20_000)

@@ -144,6 +144,44 @@ def test_bound_holds_and_is_tight_where_noise_is_left_alone(monkeypatch):
     assert encoder.bound(transitions).nats.item() == pytest.approx(exact, abs=0.05)
 
 
+def test_standardising_changes_the_map_and_not_what_the_bound_measures():
+    """The log-determinant is that of the whole map from data to latents, standardisation included."""
+    encoder, transitions = encoder_of(modelled="both"), transitions_of(64)
+    encoder.standardize_x.update(5 + 3 * encoder._x(transitions))
+    encoder.standardize_y.update(2 + 7 * encoder._y(transitions))
+    one, noise = Transitions(*(part[0] for part in transitions)), encoder.draw_noise(())
+
+    def whole(y):
+        return encoder.latents(one._replace(rewards=y[:1], next_observations=y[1:]), noise).z
+
+    jacobian = th.autograd.functional.jacobian(whole, encoder._y(one))
+    assert jacobian.shape == (4, 4)
+    log_det = encoder.latents(one, noise).log_det
+    th.testing.assert_close(log_det, jacobian.slogdet().logabsdet, rtol=1e-6, atol=1e-8)
+
+
+def test_only_training_moves_the_statistics():
+    encoder, transitions = encoder_of(), transitions_of(4, 20)
+    before = [one.clone() for one in encoder.buffers()]
+    encoder.eval().bound(transitions)
+    assert all(th.equal(one, two) for one, two in zip(before, encoder.buffers(), strict=True))
+    encoder.train().bound(transitions)
+    th.testing.assert_close(encoder.standardize_y.mean, transitions.rewards.mean(dim=(0, 1)))
+
+
+def test_the_reward_may_be_explained_by_where_the_action_led():
+    encoder, transitions = encoder_of(condition_on_next=True), transitions_of(6)
+    elsewhere = transitions._replace(next_observations=transitions.next_observations + 1)
+    assert not th.allclose(encoder.prefixes(transitions)[1], encoder.prefixes(elsewhere)[1])
+    statistics = encoder.empty()
+    here, action, there = (th.zeros(dim, dtype=th.float64) for dim in (3, 2, 3))
+    assert encoder.outcomes(statistics, here, action, there, 10).rewards.shape == (10, 1)
+    with pytest.raises(ValueError, match="next_observations"):
+        encoder.outcomes(statistics, here, action, None, 10)
+    with pytest.raises(ValueError, match="condition_on_next"):
+        encoder_of(condition_on_next=True, modelled="both")
+
+
 def test_context_is_the_papers_for_a_hundred_transitions(monkeypatch):
     asked = []
     real = th.randint
@@ -189,7 +227,7 @@ def test_outcomes_have_the_density_of_the_predictive(modelled):
     statistics = last(encoder.prefixes(transitions_of(7), encoder.draw_noise((7,))))
     observation, action = th.zeros(3, dtype=th.float64), th.ones(2, dtype=th.float64)
     with th.no_grad():
-        outcomes = encoder.outcomes(statistics, observation, action, 20_000)
+        outcomes = encoder.outcomes(statistics, observation, action, None, 20_000)
         assert outcomes.rewards.shape == (20_000, 1)
         assert (outcomes.next_observations is None) == (modelled == "rewards")
         there = observation.expand(20_000, 3) if outcomes.next_observations is None else outcomes.next_observations

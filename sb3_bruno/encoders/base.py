@@ -104,8 +104,18 @@ class TaskEncoder(nn.Module, ABC):
         """The objective on sequences that each come from one task, (batch, time, dim)."""
 
     @abstractmethod
-    def outcomes(self, statistics: Statistics, observations: Tensor, actions: Tensor, n_samples: int) -> Outcomes:
-        """Samples of what follows ``actions`` at ``observations``, given the transitions absorbed."""
+    def outcomes(
+        self,
+        statistics: Statistics,
+        observations: Tensor,
+        actions: Tensor,
+        next_observations: Tensor | None,
+        n_samples: int,
+    ) -> Outcomes:
+        """Samples of what follows ``actions`` at ``observations``, given the transitions absorbed.
+
+        :raises ValueError: if the encoder predicts rewards given ``next_observations``, and these are None
+        """
 
     @abstractmethod
     def diagnostics(self) -> dict[str, float]:

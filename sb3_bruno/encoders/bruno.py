@@ -2,6 +2,8 @@
 
     y = (r, s', eps), x = (s, a), z = flow(y | x), theta ~ N(0, rho), z_i | theta ~ N(theta, v - rho)
 
+or, where the reward alone is modelled, y = (r, eps) and x = (s, a, s')
+
 so the transitions seen so far give an exact Gaussian belief over theta, whatever their order.
 """
 
@@ -20,6 +22,7 @@ from sb3_bruno.encoders.base import Bound, Outcomes, Statistics, TaskEncoder, Tr
 from sb3_bruno.exchangeable import ExchangeableGaussian
 from sb3_bruno.exchangeable import Statistics as LatentStatistics
 from sb3_bruno.flow import ConditionalFlow, Latents, paper_maf
+from sb3_bruno.standardize import Standardize
 
 NOISE_ENTROPY = 0.5 * math.log(2 * math.pi * math.e)
 """Entropy of one standard normal noise dimension, in nats."""
@@ -34,6 +37,8 @@ class BrunoEncoder(TaskEncoder):
     :param action_dim: dimension of the action a
     :param modelled: what y holds: ``"rewards"`` (tasks that differ in their rewards alone),
         ``"next_observations"`` (in their dynamics alone), or ``"both"``
+    :param condition_on_next: whether x holds s' too, so that a reward that depends on where the action led tells of the
+        task and not of the noise in between. Only where the reward alone is modelled; not in the paper
     :param extra_dims: noise dimensions that augment y (section 2.2). None: 4, as in the paper, where the reward
         is modelled alone, and 0 otherwise
     :param flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``
@@ -48,6 +53,7 @@ class BrunoEncoder(TaskEncoder):
         action_dim: int,
         *,
         modelled: Literal["rewards", "next_observations", "both"] = "rewards",
+        condition_on_next: bool = False,
         extra_dims: int | None = None,
         flow_class: Callable[..., Flow] = paper_maf,
         flow_kwargs: dict[str, Any] | None = None,
@@ -58,31 +64,45 @@ class BrunoEncoder(TaskEncoder):
             raise ValueError(f"`modelled` must be 'rewards', 'next_observations' or 'both', got {modelled!r}.")
         if belief not in ("mean_var", "mean"):
             raise ValueError(f"`belief` must be 'mean_var' or 'mean', got {belief!r}.")
+        if condition_on_next and modelled != "rewards":
+            raise ValueError(f"`condition_on_next=True` needs `modelled='rewards'`, got {modelled!r}: s' is modelled.")
         if extra_dims is None:
             extra_dims = 4 if modelled == "rewards" else 0
         if extra_dims < 0:
             raise ValueError(f"`extra_dims` must not be negative, got {extra_dims}.")
         self._reward_dim = 0 if modelled == "next_observations" else 1
         self._next_observation_dim = 0 if modelled == "rewards" else observation_dim
+        self._condition_on_next = condition_on_next
         self._belief = belief
         self.noise_dim = extra_dims
         self.latent_dim = self._reward_dim + self._next_observation_dim + extra_dims
         self.belief_dim = 2 * self.latent_dim if belief == "mean_var" else self.latent_dim
-        self.flow = ConditionalFlow(self.latent_dim, observation_dim + action_dim, flow_class, flow_kwargs)
+        context_dim = observation_dim + action_dim + (observation_dim if condition_on_next else 0)
+        self.standardize_x = Standardize(context_dim)
+        self.standardize_y = Standardize(self.latent_dim - extra_dims)
+        self.flow = ConditionalFlow(self.latent_dim, context_dim, flow_class, flow_kwargs)
         self.process = ExchangeableGaussian(self.latent_dim)
 
     def latents(self, transitions: Transitions, noise: Tensor | None = None) -> Latents:
-        """z = flow(y | x) of each transition. (..., dim) and noise (..., noise_dim) -> (..., latent_dim), (...)"""
+        """z = flow(y | x) of each transition, x and y standardised, the log-determinant that of the whole map.
+
+        Transitions (..., dim) and noise (..., noise_dim) -> (..., latent_dim), (...)
+        """
         if noise is None:
             noise = transitions.rewards.new_zeros(*transitions.rewards.shape[:-1], self.noise_dim)
-        modelled = [noise]
-        if self._next_observation_dim:
-            modelled.insert(0, transitions.next_observations)
-        if self._reward_dim:
-            modelled.insert(0, transitions.rewards)
-        x = th.cat([transitions.observations, transitions.actions], dim=-1)
-        latents: Latents = self.flow(th.cat(modelled, dim=-1), x)
-        return latents
+        y = self.standardize_y(self._y(transitions))
+        z, log_det = self.flow(th.cat([y, noise], dim=-1), self.standardize_x(self._x(transitions)))
+        return Latents(z, log_det - self.standardize_y.std.log().sum())
+
+    def _x(self, transitions: Transitions) -> Tensor:
+        """What the flow is conditioned on: (s, a) or (s, a, s')."""
+        observations, actions, _, next_observations = transitions
+        return th.cat([observations, actions, *([next_observations] if self._condition_on_next else [])], dim=-1)
+
+    def _y(self, transitions: Transitions) -> Tensor:
+        """What is modelled, without the noise: r, s' or (r, s')."""
+        parts = [transitions.rewards[..., : self._reward_dim]]
+        return th.cat([*parts, transitions.next_observations[..., : self._next_observation_dim]], dim=-1)
 
     def empty(self, batch_shape: tuple[int, ...] = ()) -> Statistics:
         return self.process.empty(batch_shape)
@@ -109,6 +129,9 @@ class BrunoEncoder(TaskEncoder):
 
         The entropy H of the noise makes it a lower bound on log p(y | x, context), constant included.
         """
+        if self.training:
+            self.standardize_x.update(self._x(transitions))
+            self.standardize_y.update(self._y(transitions))
         time = transitions.rewards.shape[-2]
         z, log_det = self.latents(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
         k = int(th.randint(max(time // 4, 1), max(3 * time // 4, 2), ()))
@@ -117,16 +140,30 @@ class BrunoEncoder(TaskEncoder):
         nats = log_z.sum(dim=-1) + log_det + self.noise_dim * NOISE_ENTROPY
         return Bound(nats.mean(), log_det.mean())
 
-    def outcomes(self, statistics: Statistics, observations: Tensor, actions: Tensor, n_samples: int) -> Outcomes:
+    def outcomes(
+        self,
+        statistics: Statistics,
+        observations: Tensor,
+        actions: Tensor,
+        next_observations: Tensor | None,
+        n_samples: int,
+    ) -> Outcomes:
         """Draw z from the predictive and invert the flow. Shapes (..., dim) -> (n_samples, ..., dim)"""
+        given = [observations, actions]
+        if self._condition_on_next:
+            if next_observations is None:
+                raise ValueError(
+                    "`next_observations` is needed: with `condition_on_next=True` rewards are predicted given where the "
+                    "action led. Pass it, or train with `condition_on_next=False`."
+                )
+            given.append(next_observations)
         z = self.process.predictive(LatentStatistics(*statistics)).sample(th.Size([n_samples]))
-        x = th.cat([observations, actions], dim=-1).expand(n_samples, *observations.shape[:-1], -1)
-        rewards, next_observations, _ = self.flow.inverse(z, x).split(
-            [self._reward_dim, self._next_observation_dim, self.noise_dim], dim=-1
-        )
+        x = self.standardize_x(th.cat(given, dim=-1)).expand(n_samples, *observations.shape[:-1], -1)
+        y = self.standardize_y.inverse(self.flow.inverse(z, x)[..., : self.latent_dim - self.noise_dim])
+        rewards, arrivals = y.split([self._reward_dim, self._next_observation_dim], dim=-1)
         return Outcomes(
             rewards if self._reward_dim else None,
-            next_observations if self._next_observation_dim else None,
+            arrivals if self._next_observation_dim else None,
         )
 
     def diagnostics(self) -> dict[str, float]:

@@ -1,0 +1,59 @@
+"""Standardisation by running statistics: torch only, knows nothing of what it standardises."""
+
+from __future__ import annotations
+
+import torch as th
+from torch import Tensor, nn
+
+
+class Standardize(nn.Module):
+    r"""Creates an affine map to mean 0 and variance 1, by statistics that follow the data slowly.
+
+    .. math:: y = (x - m) / \sqrt{s}, \quad m \leftarrow m + w (\bar x - m),
+        \quad s \leftarrow s + w (\overline{(x - m)^2} - s)
+
+    with weight w = 1 / k at the k-th update until it falls to ``momentum``. Nothing is learned by gradient, and a batch
+    is never standardised by itself: the map is the same in training and in use.
+
+    :param dim: size of the last dimension
+    :param momentum: the least weight of a new batch
+
+    Example:
+        >>> standardize = Standardize(3)
+        >>> standardize.update(5 + 2 * th.randn(1000, 3))
+        >>> standardize(th.full((3,), 5.0)).abs().max() < 0.2
+        tensor(True)
+    """
+
+    mean: Tensor
+    var: Tensor
+    n_updates: Tensor
+
+    def __init__(self, dim: int, momentum: float = 0.01) -> None:
+        super().__init__()
+        self.momentum = momentum
+        self.register_buffer("mean", th.zeros(dim))
+        self.register_buffer("var", th.ones(dim))
+        self.register_buffer("n_updates", th.zeros(()))
+
+    @th.no_grad()
+    def update(self, x: Tensor) -> None:
+        """Let the statistics follow a batch, shape (..., dim)."""
+        batch = x.reshape(-1, x.shape[-1])
+        self.n_updates += 1
+        weight = th.clamp(1 / self.n_updates, min=self.momentum)
+        self.mean += weight * (batch.mean(dim=0) - self.mean)
+        self.var += weight * ((batch - self.mean).square().mean(dim=0) - self.var)
+
+    @property
+    def std(self) -> Tensor:
+        """The standard deviation, kept away from 0 for what never changes, shape (dim,)."""
+        return (self.var + 1e-6).sqrt()
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(..., dim) -> (..., dim)"""
+        return (x - self.mean) / self.std
+
+    def inverse(self, y: Tensor) -> Tensor:
+        """(..., dim) -> (..., dim)"""
+        return y * self.std + self.mean
