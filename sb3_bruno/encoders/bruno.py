@@ -153,8 +153,8 @@ class BrunoEncoder(TaskEncoder):
         if self._condition_on_next:
             if next_observations is None:
                 raise ValueError(
-                    "`next_observations` is needed: with `condition_on_next=True` rewards are predicted given where the "
-                    "action led. Pass it, or train with `condition_on_next=False`."
+                    "`next_observations` is needed: with `condition_on_next=True` rewards are predicted given where "
+                    "the action led. Pass it, or train with `condition_on_next=False`."
                 )
             given.append(next_observations)
         z = self.process.predictive(LatentStatistics(*statistics)).sample(th.Size([n_samples]))
