@@ -28,6 +28,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNormalize
+from tensorboard.backend.event_processing import event_accumulator
 
 from sb3_bruno import BrunoEncoder, BrunoSAC, BrunoSACPolicy, Transitions
 from sb3_bruno.flow import Latents
@@ -544,7 +545,6 @@ def test_a_callback_stops_after_two_episodes():
 
 
 def test_tensorboard_shows_encoder_and_belief(tmp_path):
-    event_accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     model = make_model(tensorboard_log=str(tmp_path)).learn(70, log_interval=1)
     model.learn(70, log_interval=1, reset_num_timesteps=False)
     model.learn(40, tb_log_name="other")
