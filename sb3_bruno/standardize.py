@@ -29,7 +29,7 @@ class Standardize(nn.Module):
     var: Tensor
     n_updates: Tensor
 
-    def __init__(self, dim: int, momentum: float = 0.01) -> None:
+    def __init__(self, dim: int, momentum: float = 0.001) -> None:
         super().__init__()
         self.momentum = momentum
         self.register_buffer("mean", th.zeros(dim))
