@@ -1,0 +1,73 @@
+"""How soon a belief tells the cheetah's direction, after how many encoder updates: the encoder alone, no agent.
+
+    python benchmarks/belief_sharpness.py --extra-dims 1 --condition-on-next --seed 0
+
+Trains BRUNO on 20,000 transitions of random actions on CheetahDir-v0 and prints, as it goes, the bound in nats per
+transition and the share of 800 fresh sequences whose direction a linear read-out of the posterior mean gets right after
+1, 3, 10 and 40 transitions. The read-out is fitted on 800 others.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+import torch as th
+from stable_baselines3.common.env_util import make_vec_env
+
+from sb3_bruno import BrunoEncoder, BrunoSAC, TaskReplayBuffer
+
+CONTEXTS = (1, 3, 10, 40)
+
+
+def random_transitions(seed: int) -> TaskReplayBuffer:
+    """20,000 transitions of random actions, ten envs."""
+    env = make_vec_env("sb3_bruno_envs:CheetahDir-v0", 10, seed=seed)
+    model = BrunoSAC("MlpPolicy", env, seed=seed, learning_starts=20_001, buffer_size=20_000).learn(20_000)
+    return model.replay_buffer
+
+
+def accuracy(encoder: BrunoEncoder, buffer: TaskReplayBuffer) -> list[float]:
+    """The share right after each of ``CONTEXTS`` transitions."""
+    slots, tasks = buffer._exchangeable_slots(1_600)
+    direction = tasks[:, 1] > tasks[:, 0]
+    with th.no_grad():
+        prefixes = encoder.eval().prefixes(buffer.transitions(slots[:, : CONTEXTS[-1]]))
+    shares = []
+    for n in CONTEXTS:
+        mean = encoder.posterior(tuple(one[:, n] for one in prefixes)).mean.detach().numpy()
+        inputs = np.c_[mean, np.ones(len(mean))]
+        weights, *_ = np.linalg.lstsq(inputs[:800], np.where(direction, 1.0, -1.0)[:800])
+        shares.append(float(((inputs[800:] @ weights > 0) == direction[800:]).mean()))
+    return shares
+
+
+def main() -> None:
+    """Parse the command line and run."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--updates", type=int, default=3_000)
+    parser.add_argument("--extra-dims", type=int, default=4, help="noise dimensions (the paper: 4)")
+    parser.add_argument("--condition-on-next", action="store_true", help="condition on (s, a, s')")
+    parser.add_argument("--learning-rate", type=float, default=2e-3)
+    options = parser.parse_args()
+    th.set_num_threads(1)
+    buffer = random_transitions(options.seed)
+    th.manual_seed(options.seed)
+    encoder = BrunoEncoder(17, 6, extra_dims=options.extra_dims, condition_on_next=options.condition_on_next)
+    optimizer = th.optim.Adam(encoder.parameters(), lr=options.learning_rate)
+    print(f"{'updates':>8} {'nats':>6}  right after {CONTEXTS} transitions")
+    bounds = []
+    for update in range(1, options.updates + 1):
+        bound = encoder.train().bound(buffer.sample_sequences(16)).nats
+        optimizer.zero_grad()
+        (-bound).backward()
+        optimizer.step()
+        bounds.append(bound.item())
+        if update % 500 == 0:
+            shares = " ".join(f"{share:.2f}" for share in accuracy(encoder, buffer))
+            print(f"{update:>8} {np.mean(bounds[-100:]):>6.2f}  {shares}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
