@@ -31,13 +31,13 @@ SHORT_STEPS, FULL_STEPS = 30_000, 100_000  # env steps
 TEST_STEPS, TEST_EPISODES = 1_000, 10  # the paper's final test, per direction
 HYPERPARAMETERS: dict[str, Any] = {
     "learning_rate": 1e-3,
-    "learning_starts": 5_000,
+    "learning_starts": 10_000,
     "gradient_steps": 5,
     "policy_kwargs": {"net_arch": [256, 256], "optimizer_kwargs": {"fused": True}},
     "replay_buffer_kwargs": {"context": "episode", "n_sequences": 16, "sequence_length": 64},
     "encoder_kwargs": {"condition_on_next": True, "extra_dims": 1},
     "encoder_learning_rate": 2e-3,
-    "encoder_update_ratio": 0.6,
+    "encoder_update_ratio": 0.8,
     "encoder_learning_starts": 1_000,
 }
 """Those of ``zoo_configs/bruno_sac.yml``, which a test holds equal."""
