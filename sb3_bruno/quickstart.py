@@ -37,7 +37,7 @@ HYPERPARAMETERS: dict[str, Any] = {
     "replay_buffer_kwargs": {"context": "episode", "n_sequences": 16, "sequence_length": 64},
     "encoder_kwargs": {"condition_on_next": True, "extra_dims": 1},
     "encoder_learning_rate": 2e-3,
-    "encoder_update_ratio": 0.8,
+    "encoder_update_ratio": 0.4,
     "encoder_learning_starts": 1_000,
 }
 """Those of ``zoo_configs/bruno_sac.yml``, which a test holds equal."""
