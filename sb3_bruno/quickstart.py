@@ -1,7 +1,7 @@
 """The main job in one command: train BrunoSAC on Cheetah-Dir, test it in both directions, save what came out.
 
-    python -m sb3_bruno.quickstart            # about ten minutes
-    python -m sb3_bruno.quickstart --full     # the run of docs/results.md
+    python -m sb3_bruno.quickstart            # 30,000 env steps
+    python -m sb3_bruno.quickstart --full     # 100,000, the run that docs/results.md asks for
 
 A run that was interrupted goes on from its checkpoint when the same command is given again.
 """
@@ -49,7 +49,7 @@ SAVE_FREQ = 10_000  # env steps between checkpoints
 def main(arguments: list[str] | None = None) -> None:
     """Parse the command line and run."""
     parser = argparse.ArgumentParser(
-        prog="python -m sb3_bruno.quickstart", description="Train BrunoSAC on Cheetah-Dir and show that it adapts."
+        prog="python -m sb3_bruno.quickstart", description="Train BrunoSAC on Cheetah-Dir and show how it adapts."
     )
     parser.add_argument("--full", action="store_true", help=f"train for {FULL_STEPS:,} env steps")
     parser.add_argument("--steps", type=int, help=f"train for as many env steps (default {SHORT_STEPS:,})")
