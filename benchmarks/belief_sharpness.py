@@ -60,7 +60,7 @@ def main() -> None:
     print(f"{'updates':>8} {'nats':>6}  right after {CONTEXTS} transitions: trained on | others")
     bounds = []
     for update in range(1, options.updates + 1):
-        bound = encoder.train().bound(buffer.sample_sequences(16)).nats
+        bound = encoder.train().bound(buffer.sample_sequences(16))
         optimizer.zero_grad()
         (-bound).backward()
         optimizer.step()

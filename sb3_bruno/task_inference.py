@@ -206,7 +206,7 @@ class TaskInference(OffPolicyAlgorithm):
     def _update_encoder(self) -> float:
         """One step up the bound. Returns it, in nats per transition."""
         sequences = self.replay_buffer.sample_sequences(self.encoder_batch_size, self._vec_normalize_env)
-        bound = self.encoder.bound(sequences).nats
+        bound = self.encoder.bound(sequences)
         self.encoder_optimizer.zero_grad()
         (-bound).backward()
         self.encoder_optimizer.step()

@@ -50,17 +50,6 @@ class Outcomes(NamedTuple):
         return Outcomes(*(None if one is None else one.quantile(q, dim=0) for one in self))
 
 
-class Bound(NamedTuple):
-    """What an encoder's update maximises.
-
-    :ivar nats: lower bound on log p(what is modelled | the rest), in nats per transition, a scalar
-    :ivar log_det: mean log-determinant of the flow, in nats per transition, a scalar
-    """
-
-    nats: Tensor
-    log_det: Tensor
-
-
 class TaskEncoder(nn.Module, ABC):
     """Infers the hidden task from transitions.
 
@@ -100,8 +89,11 @@ class TaskEncoder(nn.Module, ABC):
         """p(theta | transitions absorbed), batch shape (..., latent_dim)."""
 
     @abstractmethod
-    def bound(self, transitions: Transitions) -> Bound:
-        """The objective on sequences that each come from one task, (batch, time, dim)."""
+    def bound(self, transitions: Transitions) -> Tensor:
+        """The objective on sequences that each come from one task, (batch, time, dim): a scalar to maximise.
+
+        A lower bound on log p(what is modelled | the rest), in nats per transition.
+        """
 
     @abstractmethod
     def outcomes(

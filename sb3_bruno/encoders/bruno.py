@@ -18,7 +18,7 @@ from torch import Tensor
 from torch.distributions import Normal
 from zuko.lazy import Flow
 
-from sb3_bruno.encoders.base import Bound, Outcomes, Statistics, TaskEncoder, Transitions
+from sb3_bruno.encoders.base import Outcomes, Statistics, TaskEncoder, Transitions
 from sb3_bruno.exchangeable import ExchangeableGaussian
 from sb3_bruno.exchangeable import Statistics as LatentStatistics
 from sb3_bruno.flow import ConditionalFlow, Latents, paper_maf
@@ -121,7 +121,7 @@ class BrunoEncoder(TaskEncoder):
         theta = self.posterior(statistics)
         return theta.mean if self._belief == "mean" else th.cat([theta.mean, theta.variance], dim=-1)
 
-    def bound(self, transitions: Transitions) -> Bound:
+    def bound(self, transitions: Transitions) -> Tensor:
         r"""Eq. 4: every transition of a sequence under the predictive given its first k, the k included.
 
         .. math:: \frac{1}{T} \sum_t \log p(y_t, \epsilon_t \mid x_t, \tau_{1:k}) + H(\epsilon), \quad
@@ -137,8 +137,8 @@ class BrunoEncoder(TaskEncoder):
         k = int(th.randint(max(time // 4, 1), max(3 * time // 4, 2), ()))
         predictive = self.process.predictive(self.process.statistics(z[..., :k, :]))
         log_z = Normal(predictive.mean.unsqueeze(-2), predictive.stddev.unsqueeze(-2), False).log_prob(z)
-        nats = log_z.sum(dim=-1) + log_det + self.noise_dim * NOISE_ENTROPY
-        return Bound(nats.mean(), log_det.mean())
+        nats: Tensor = log_z.sum(dim=-1) + log_det + self.noise_dim * NOISE_ENTROPY
+        return nats.mean()
 
     def outcomes(
         self,
