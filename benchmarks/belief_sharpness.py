@@ -1,6 +1,6 @@
 """How soon a belief tells the cheetah's direction, after how many encoder updates: the encoder alone, no agent.
 
-    python benchmarks/belief_sharpness.py --extra-dims 1 --condition-on-next --seed 0
+    python benchmarks/belief_sharpness.py --flow reflected_maf --extra-dims 1 --condition-on-next --seed 0
 
 Trains BRUNO on 20,000 transitions of random actions on CheetahDir-v0 and prints, as it goes, the bound in nats per
 transition and the share of 800 sequences whose direction a linear read-out of the posterior mean gets right after 1, 3,
@@ -17,6 +17,7 @@ import torch as th
 from stable_baselines3.common.env_util import make_vec_env
 
 from sb3_bruno import BrunoEncoder, BrunoSAC, TaskReplayBuffer
+from sb3_bruno.flow import FLOWS
 
 CONTEXTS = (1, 3, 10, 40)
 
@@ -48,6 +49,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--updates", type=int, default=3_000)
+    parser.add_argument("--flow", choices=sorted(FLOWS), default="paper_maf")
     parser.add_argument("--extra-dims", type=int, default=4, help="noise dimensions (the paper: 4)")
     parser.add_argument("--condition-on-next", action="store_true", help="condition on (s, a, s')")
     parser.add_argument("--learning-rate", type=float, default=2e-3)
@@ -55,7 +57,13 @@ def main() -> None:
     th.set_num_threads(1)
     buffer, others = random_transitions(options.seed), random_transitions(options.seed + 1_000)
     th.manual_seed(options.seed)
-    encoder = BrunoEncoder(17, 6, extra_dims=options.extra_dims, condition_on_next=options.condition_on_next)
+    encoder = BrunoEncoder(
+        17,
+        6,
+        flow_class=options.flow,
+        extra_dims=options.extra_dims,
+        condition_on_next=options.condition_on_next,
+    )
     optimizer = th.optim.Adam(encoder.parameters(), lr=options.learning_rate)
     print(f"{'updates':>8} {'nats':>6}  right after {CONTEXTS} transitions: trained on | others")
     bounds = []

@@ -12,6 +12,8 @@ from zuko.flows import MAF
 from zuko.lazy import Flow
 from zuko.transforms import MonotonicAffineTransform
 
+from sb3_bruno.reflection import ConditionalReflection
+
 
 class Latents(NamedTuple):
     """:ivar z: latents, shape (..., features)
@@ -22,7 +24,7 @@ class Latents(NamedTuple):
     log_det: Tensor
 
 
-def paper_maf(features: int, context: int) -> MAF:
+def paper_maf(features: int, context: int, transforms: int = 6) -> MAF:
     """The paper's flow as near as zuko allows: six masked autoregressive layers of 128 hidden units.
 
     Each layer's log-scale is bounded to (-1, 1), by zuko's softsign where the paper uses tanh. There is no weight
@@ -30,7 +32,7 @@ def paper_maf(features: int, context: int) -> MAF:
     Orders alternate between ascending and descending.
     """
     univariate = partial(MonotonicAffineTransform, slope=math.exp(-1))
-    flow = MAF(features, context, transforms=6, hidden_features=(128,), univariate=univariate)
+    flow = MAF(features, context, transforms=transforms, hidden_features=(128,), univariate=univariate)
     for module in flow.modules():  # orders and masks follow from the arguments: nothing to save or to load
         for name, buffer in list(module.named_buffers(recurse=False)):
             if not buffer.is_floating_point():
@@ -38,13 +40,29 @@ def paper_maf(features: int, context: int) -> MAF:
     return flow
 
 
+def reflected_maf(features: int, context: int, transforms: int = 4) -> Flow:
+    """The paper's layers, fewer of them, and a reflection last, so that a latent may turn its sign with x.
+
+    :raises ValueError: if there is but one feature, whose reflection is only a change of sign: nothing could be learned
+    """
+    if features < 2:
+        raise ValueError(f"`reflected_maf` needs at least 2 features, got {features}: set `extra_dims` to 1 or more.")
+    maf = paper_maf(features, context, transforms)
+    return Flow([*maf.transform.transforms, ConditionalReflection(features, context)], maf.base)
+
+
+FLOWS: dict[str, Callable[..., Flow]] = {"paper_maf": paper_maf, "reflected_maf": reflected_maf}
+"""Flows that a configuration file can name."""
+
+
 class ConditionalFlow(nn.Module):
     """Creates a bijection z = f(y | x).
 
     :param features: dimension of y and z
     :param context: dimension of x
-    :param flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``
+    :param flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``, or names one of ``FLOWS``
     :param flow_kwargs: further arguments of ``flow_class``
+    :raises ValueError: if ``flow_class`` is a name that ``FLOWS`` does not know
     :raises TypeError: if ``flow_class`` does not build a zuko flow
     """
 
@@ -52,10 +70,14 @@ class ConditionalFlow(nn.Module):
         self,
         features: int,
         context: int,
-        flow_class: Callable[..., Flow] = paper_maf,
+        flow_class: str | Callable[..., Flow] = "paper_maf",
         flow_kwargs: dict[str, Any] | None = None,
     ) -> None:
         super().__init__()
+        if isinstance(flow_class, str):
+            if flow_class not in FLOWS:
+                raise ValueError(f"`flow_class` must be one of {sorted(FLOWS)} or a zuko flow, got {flow_class!r}.")
+            flow_class = FLOWS[flow_class]
         flow = flow_class(features, context, **(flow_kwargs or {}))
         if not isinstance(flow, Flow):
             raise TypeError(f"`flow_class` must build a zuko.lazy.Flow, got {type(flow)}: try zuko.flows.MAF.")

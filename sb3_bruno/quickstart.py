@@ -35,7 +35,7 @@ HYPERPARAMETERS: dict[str, Any] = {
     "gradient_steps": 5,
     "policy_kwargs": {"net_arch": [256, 256], "optimizer_kwargs": {"fused": True}},
     "replay_buffer_kwargs": {"context": "episode", "n_sequences": 16, "sequence_length": 64},
-    "encoder_kwargs": {"condition_on_next": True, "extra_dims": 1},
+    "encoder_kwargs": {"flow_class": "reflected_maf", "condition_on_next": True, "extra_dims": 1},
     "encoder_learning_rate": 2e-3,
     "encoder_update_ratio": 0.4,
     "encoder_learning_starts": 1_000,

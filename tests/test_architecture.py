@@ -9,7 +9,8 @@ import yaml
 
 ROOT = Path(__file__).parents[1]
 FLOORS = [
-    {"exchangeable", "flow", "standardize", "adaptation_result", "task_index"},
+    {"exchangeable", "reflection", "standardize", "adaptation_result", "task_index"},
+    {"flow"},
     {"encoders.base"},
     {"encoders.bruno"},
     {"encoders"},
@@ -26,6 +27,7 @@ FLOORS = [
 FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 KNOWS = {  # beyond the standard library, numpy and each other
     "exchangeable": {"torch"},
+    "reflection": {"torch", "zuko"},
     "flow": {"torch", "zuko"},
     "standardize": {"torch"},
     "task_index": set(),

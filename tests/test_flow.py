@@ -7,16 +7,21 @@ import torch as th
 import zuko
 
 from sb3_bruno.flow import ConditionalFlow, paper_maf
+from sb3_bruno.reflection import Reflection
 
 FLOWS = {
     "paper_maf": {},
+    "reflected_maf": {"flow_class": "reflected_maf"},
     "maf": {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16, 16)}},
     "nsf": {"flow_class": zuko.flows.NSF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}},
     "nice": {"flow_class": zuko.flows.NICE, "flow_kwargs": {"transforms": 3, "hidden_features": (16,)}},
 }
 
 
-@pytest.fixture(params=[(flow, features) for flow in FLOWS for features in (1, 5) if (flow, features) != ("nice", 1)])
+ONE = {"paper_maf", "maf", "nsf"}  # those that may have a single feature
+
+
+@pytest.fixture(params=[(flow, features) for flow in FLOWS for features in (1, 5) if features > 1 or flow in ONE])
 def flow(request):
     name, features = request.param
     th.manual_seed(0)
@@ -67,6 +72,23 @@ def test_paper_maf_bounds_the_log_scale_of_each_of_its_six_layers():
     log_det = flow(th.randn(100, 5), th.randn(100, 3)).log_det
     assert log_det.abs().max() <= 6 * 5
     assert len(paper_maf(5, 3).transform.transforms) == 6
+
+
+def test_a_name_that_is_no_flow_is_refused():
+    with pytest.raises(ValueError, match=r"`flow_class` must be one of .*reflected_maf.* got 'nmaf'"):
+        ConditionalFlow(2, 3, flow_class="nmaf")
+
+
+def test_a_reflection_of_one_feature_is_refused():
+    with pytest.raises(ValueError, match="extra_dims"):
+        ConditionalFlow(1, 3, flow_class="reflected_maf")
+
+
+def test_a_reflection_turns_the_sign_of_what_lies_along_its_mirror():
+    reflection = Reflection(th.tensor([[3.0, 0.0], [0.0, 0.5]]))
+    y = th.tensor([[1.0, 2.0], [1.0, 2.0]])
+    th.testing.assert_close(reflection(y), th.tensor([[-1.0, 2.0], [1.0, -2.0]]))
+    th.testing.assert_close(reflection(reflection(y)), y)
 
 
 def test_something_else_than_a_flow_is_refused():

@@ -21,7 +21,7 @@ from zuko.lazy import Flow
 from sb3_bruno.encoders.base import Outcomes, Statistics, TaskEncoder, Transitions
 from sb3_bruno.exchangeable import ExchangeableGaussian
 from sb3_bruno.exchangeable import Statistics as LatentStatistics
-from sb3_bruno.flow import ConditionalFlow, Latents, paper_maf
+from sb3_bruno.flow import ConditionalFlow, Latents
 from sb3_bruno.standardize import Standardize
 
 NOISE_ENTROPY = 0.5 * math.log(2 * math.pi * math.e)
@@ -41,7 +41,9 @@ class BrunoEncoder(TaskEncoder):
         task and not of the noise in between. Only where the reward alone is modelled; not in the paper
     :param extra_dims: noise dimensions that augment y (section 2.2). None: 4, as in the paper, where the reward
         is modelled alone, and 0 otherwise
-    :param flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``
+    :param flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``, or names one of
+        ``sb3_bruno.flow.FLOWS``: ``"paper_maf"``, or ``"reflected_maf"`` where what speaks for a task at one x speaks
+        against it at another (a direction: the reward's sign turns with the velocity's)
     :param flow_kwargs: further arguments of ``flow_class``
     :param belief: what actor and critics see of the posterior: ``"mean_var"`` or ``"mean"``
     :raises ValueError: if ``modelled`` or ``belief`` is none of the above, or ``extra_dims`` is negative
@@ -55,7 +57,7 @@ class BrunoEncoder(TaskEncoder):
         modelled: Literal["rewards", "next_observations", "both"] = "rewards",
         condition_on_next: bool = False,
         extra_dims: int | None = None,
-        flow_class: Callable[..., Flow] = paper_maf,
+        flow_class: str | Callable[..., Flow] = "paper_maf",
         flow_kwargs: dict[str, Any] | None = None,
         belief: Literal["mean_var", "mean"] = "mean_var",
     ) -> None:
