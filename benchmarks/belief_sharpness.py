@@ -2,10 +2,10 @@
 
     python benchmarks/belief_sharpness.py --flow reflected_maf --extra-dims 1 --condition-on-next --seed 0
 
-Trains BRUNO on 20,000 transitions of random actions on CheetahDir-v0 and prints, as it goes, the bound in nats per
+Trains BRUNO on transitions of random actions on CheetahDir-v0 and prints, as it goes, the bound in nats per
 transition and the share of 800 sequences whose direction a linear read-out of the posterior mean gets right after 1, 3,
-10 and 40 transitions: first of the transitions it was trained on, then of 20,000 others. Where the two differ, the flow
-has learned the transitions by heart. The read-out is fitted on 800 other sequences of the same transitions.
+10 and 40 transitions: first of the transitions it was trained on, then of as many others. Where the two differ, it has
+learned the transitions by heart. The read-out is fitted on 800 other sequences of the same transitions.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from sb3_bruno.flow import FLOWS
 CONTEXTS = (1, 3, 10, 40)
 
 
-def random_transitions(seed: int) -> TaskReplayBuffer:
-    """20,000 transitions of random actions, ten envs."""
+def random_transitions(n: int, seed: int) -> TaskReplayBuffer:
+    """So many transitions of random actions, ten envs."""
     env = make_vec_env("sb3_bruno_envs:CheetahDir-v0", 10, seed=seed)
-    model = BrunoSAC("MlpPolicy", env, seed=seed, learning_starts=20_001, buffer_size=20_000).learn(20_000)
+    model = BrunoSAC("MlpPolicy", env, seed=seed, learning_starts=n + 1, buffer_size=n).learn(n)
     return model.replay_buffer
 
 
 def accuracy(encoder: BrunoEncoder, buffer: TaskReplayBuffer) -> list[float]:
     """The share right after each of ``CONTEXTS`` transitions."""
-    slots, tasks = buffer._exchangeable_slots(1_600)
+    slots, tasks = buffer.exchangeable_slots(1_600)
     direction = tasks[:, 1] > tasks[:, 0]
     with th.no_grad():
         prefixes = encoder.eval().prefixes(buffer.transitions(slots[:, : CONTEXTS[-1]]))
@@ -48,14 +48,16 @@ def main() -> None:
     """Parse the command line and run."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--transitions", type=int, default=20_000)
     parser.add_argument("--updates", type=int, default=3_000)
+    parser.add_argument("--every", type=int, default=500, help="updates between two lines")
     parser.add_argument("--flow", choices=sorted(FLOWS), default="paper_maf")
     parser.add_argument("--extra-dims", type=int, default=4, help="noise dimensions (the paper: 4)")
     parser.add_argument("--condition-on-next", action="store_true", help="condition on (s, a, s')")
     parser.add_argument("--learning-rate", type=float, default=2e-3)
     options = parser.parse_args()
     th.set_num_threads(1)
-    buffer, others = random_transitions(options.seed), random_transitions(options.seed + 1_000)
+    buffer, others = (random_transitions(options.transitions, options.seed + plus) for plus in (0, 1_000))
     th.manual_seed(options.seed)
     encoder = BrunoEncoder(
         17,
@@ -73,7 +75,7 @@ def main() -> None:
         (-bound).backward()
         optimizer.step()
         bounds.append(bound.item())
-        if update % 500 == 0:
+        if update % options.every == 0:
             trained, other = (" ".join(f"{one:.2f}" for one in accuracy(encoder, data)) for data in (buffer, others))
             print(f"{update:>8} {np.mean(bounds[-100:]):>6.2f}  {trained} | {other}", flush=True)
 

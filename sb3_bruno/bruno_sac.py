@@ -6,9 +6,14 @@ from typing import ClassVar
 
 from stable_baselines3 import SAC
 from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.sac.policies import SACPolicy
 
-from sb3_bruno.policies import BrunoSACPolicy
+from sb3_bruno.policies import TaskInferencePolicy
 from sb3_bruno.task_inference import TaskInference
+
+
+class BrunoSACPolicy(TaskInferencePolicy, SACPolicy):
+    """SAC's policy on observation and belief."""
 
 
 class BrunoSAC(TaskInference, SAC):

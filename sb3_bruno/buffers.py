@@ -176,18 +176,7 @@ class TaskReplayBuffer(ReplayBuffer):
         per_row = -(-batch_size // n_sequences)
         if self._encoded is None or not self._encoded.has(n_sequences, per_row):
             self._encoded = self._encode(n_sequences, env)
-        row, step = self._encoded.read(batch_size, per_row)
-        slots, tasks, transitions, beliefs = self._encoded.slots, *self._encoded.tensors
-        slot = slots[row, step]
-        return ReplayBufferSamples(
-            observations=self._layout.join(transitions.observations[row, step], beliefs[row, step], tasks[row]),
-            actions=self.to_torch(self._flat(self.actions)[slot]),
-            next_observations=self._layout.join(
-                transitions.next_observations[row, step], beliefs[row, step + 1], tasks[row]
-            ),
-            dones=self.to_torch((self._flat(self.dones)[slot] * (1 - self._flat(self.timeouts)[slot]))[:, None]),
-            rewards=self.to_torch(self._normalize_reward(self._flat(self.rewards)[slot, None], env)),
-        )
+        return self._encoded.read(batch_size, per_row)
 
     def forget_beliefs(self) -> None:
         """The encoder, the normalisation or the data changed: encode new sequences before the next sample."""
@@ -196,11 +185,20 @@ class TaskReplayBuffer(ReplayBuffer):
     def _encode(self, n_sequences: int, env: VecNormalize | None) -> EncodedSequences:
         if self._encoder is None:
             raise RuntimeError("No encoder is bound: call `set_encoder` before `sample`.")
-        slots, lengths, tasks = self._context_slots(n_sequences)
+        slots, lengths, drawn = self._context_slots(n_sequences)
         transitions = self.transitions(slots, env)
         with th.no_grad():
             beliefs = self._encoder.belief(self._encoder.prefixes(transitions))
-        return EncodedSequences(slots, lengths, self.rng, (self.to_torch(tasks), transitions, beliefs))
+        tasks = self.to_torch(drawn)[:, None].expand(-1, slots.shape[1], -1)
+        dones = self._flat(self.dones)[slots] * (1 - self._flat(self.timeouts)[slots])
+        samples = ReplayBufferSamples(
+            observations=self._layout.join(transitions.observations, beliefs[:, :-1], tasks),
+            actions=self.to_torch(self._flat(self.actions)[slots], copy=False),
+            next_observations=self._layout.join(transitions.next_observations, beliefs[:, 1:], tasks),
+            dones=self.to_torch(dones[..., None], copy=False),
+            rewards=self.to_torch(self._normalize_reward(self._flat(self.rewards)[slots][..., None], env), copy=False),
+        )
+        return EncodedSequences(samples, lengths, self.rng)
 
     def sample_sequences(self, n_sequences: int, env: VecNormalize | None = None) -> Transitions:
         """Sequences of transitions of one task each, exchangeable: what the encoder learns from.
@@ -208,7 +206,7 @@ class TaskReplayBuffer(ReplayBuffer):
         :return: transitions of shape (n_sequences, sequence_length, dim)
         :raises RuntimeError: if the buffer is empty
         """
-        slots, _ = self._exchangeable_slots(n_sequences)
+        slots, _ = self.exchangeable_slots(n_sequences)
         return self.transitions(slots, env)
 
     def running_episodes(self) -> tuple[Slots, Slots]:
@@ -251,7 +249,7 @@ class TaskReplayBuffer(ReplayBuffer):
     def _context_slots(self, n_sequences: int) -> tuple[Slots, Slots, NDArray[np.float32]]:
         """Slots (n_sequences, time), how many of each row are real (n_sequences,), tasks (n_sequences, task_dim)."""
         if self.context != "episode":
-            slots, tasks = self._exchangeable_slots(n_sequences)
+            slots, tasks = self.exchangeable_slots(n_sequences)
             return slots, np.full(n_sequences, slots.shape[1]), tasks
         queues = self._draw_tasks(n_sequences)
         drawn = np.array([queue.slots[self.rng.integers(len(queue))] for queue in queues], dtype=np.int64)
@@ -261,7 +259,7 @@ class TaskReplayBuffer(ReplayBuffer):
         slots, lengths = self._episode_slots(last_rows, envs, lengths)
         return slots, lengths, np.stack([queue.task for queue in queues])
 
-    def _exchangeable_slots(self, n_sequences: int) -> tuple[Slots, NDArray[np.float32]]:
+    def exchangeable_slots(self, n_sequences: int) -> tuple[Slots, NDArray[np.float32]]:
         """Slots drawn i.i.d. within each task (n_sequences, sequence_length), tasks (n_sequences, task_dim)."""
         queues = self._draw_tasks(n_sequences)
         fractions = self.rng.random((n_sequences, self.sequence_length))

@@ -12,10 +12,9 @@ import numpy as np
 import torch as th
 from gymnasium import spaces
 from numpy.typing import NDArray
-from stable_baselines3.common.policies import BasePolicy, ContinuousCritic
+from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
-from stable_baselines3.sac.policies import Actor, SACPolicy
 
 from sb3_bruno.encoders import BrunoEncoder, TaskEncoder, Transitions
 from sb3_bruno.extended_obs import CriticInput, ExtendedObs, SliceExtractor
@@ -81,13 +80,13 @@ class TaskInferencePolicy(BasePolicy):
             net_kwargs["observation_space"] = self.layout.space
         super()._build(lr_schedule)  # type: ignore[misc]  # of the policy it is mixed into
 
-    def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Actor:
+    def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
         extractor = SliceExtractor(self.layout.space, self.layout.actor_slices)
-        return super().make_actor(extractor)  # type: ignore[misc, no-any-return]  # of the policy it is mixed into
+        return super().make_actor(extractor)  # type: ignore[misc]  # of the policy it is mixed into
 
-    def make_critic(self, features_extractor: BaseFeaturesExtractor | None = None) -> ContinuousCritic:
+    def make_critic(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
         extractor = SliceExtractor(self.layout.space, self.layout.critic_slices(self.critic_input))
-        return super().make_critic(extractor)  # type: ignore[misc, no-any-return]  # likewise
+        return super().make_critic(extractor)  # type: ignore[misc]  # likewise
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         data = super()._get_constructor_parameters()
@@ -184,7 +183,3 @@ class TaskInferencePolicy(BasePolicy):
 def _where(mask: th.Tensor, yes: tuple[th.Tensor, ...], no: tuple[th.Tensor, ...]) -> tuple[th.Tensor, ...]:
     """Choose statistics per env. mask: (n_envs,)"""
     return tuple(th.where(mask[:, None], a, b) for a, b in zip(yes, no, strict=True))
-
-
-class BrunoSACPolicy(TaskInferencePolicy, SACPolicy):
-    """SAC's policy on observation and belief."""

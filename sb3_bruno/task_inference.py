@@ -193,24 +193,24 @@ class TaskInference(OffPolicyAlgorithm):
         learning_rate = self.encoder_lr_schedule(self._current_progress_remaining)
         update_learning_rate(self.encoder_optimizer, learning_rate)
         self.encoder.train()
-        bounds = [self._update_encoder() for _ in range(n_updates)]
+        bounds = th.stack([self._update_encoder() for _ in range(n_updates)])
         self.encoder.eval()
         self._n_encoder_updates += n_updates
         self._recall_running_episodes()
-        self.logger.record("encoder/bound_nats", np.mean(bounds))
+        self.logger.record("encoder/bound_nats", bounds.mean().item())
         self.logger.record("encoder/learning_rate", learning_rate)
         self.logger.record("encoder/n_updates", self._n_encoder_updates, exclude="tensorboard")
         for name, value in self.encoder.diagnostics().items():
             self.logger.record(f"encoder/{name}", value)
 
-    def _update_encoder(self) -> float:
-        """One step up the bound. Returns it, in nats per transition."""
+    def _update_encoder(self) -> th.Tensor:
+        """One step up the bound. Returns it, a scalar in nats per transition, left on its device."""
         sequences = self.replay_buffer.sample_sequences(self.encoder_batch_size, self._vec_normalize_env)
         bound = self.encoder.bound(sequences)
         self.encoder_optimizer.zero_grad()
         (-bound).backward()
         self.encoder_optimizer.step()
-        return bound.item()
+        return bound.detach()
 
     def _recall_running_episodes(self) -> None:
         """Encode the running episodes again, so that a carried belief never mixes an old encoder with a new.

@@ -18,7 +18,7 @@ FLOORS = [
     {"buffers", "policies"},
     {"beliefs", "checks"},
     {"task_inference"},
-    {"bruno_sac", "resume"},
+    {"bruno_sac", "bruno_tqc", "bruno_crossq", "bruno_td3", "resume"},
     {""},  # the package's face
     {"eval_callback", "evaluation"},
     {"plotting"},

@@ -8,8 +8,8 @@ from gymnasium import spaces
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
 
+from sb3_bruno.bruno_sac import BrunoSACPolicy
 from sb3_bruno.encoders import Transitions
-from sb3_bruno.policies import BrunoSACPolicy
 
 SMALL = {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}}
 

@@ -1,9 +1,10 @@
-"""BrunoSAC keeps SB3's promises: every option runs, what is saved comes back, the same seed gives the same run.
+"""Every algorithm keeps SB3's promises: every option runs, what is saved comes back, the same seed gives the same run.
 
 Two envs: PointDir, several tasks in NumPy alone, and Pendulum with its one constant task, whose actions are not in
 [-1, 1]. Networks are tiny, so nothing here is learned.
 """
 
+import inspect
 import re
 import warnings
 from copy import deepcopy
@@ -30,10 +31,11 @@ from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNormalize
 from tensorboard.backend.event_processing import event_accumulator
 
-from sb3_bruno import BrunoEncoder, BrunoSAC, BrunoSACPolicy, Transitions
+from sb3_bruno import BrunoCrossQ, BrunoEncoder, BrunoSAC, BrunoTD3, BrunoTQC, Transitions
 from sb3_bruno.flow import Latents
 from sb3_bruno_envs import MetaTask, TransitionObservation
 
+ALGORITHMS = [BrunoSAC, BrunoTQC, BrunoCrossQ, BrunoTD3]
 POINT = "sb3_bruno_envs:PointDir-v0"  # episodes of 30 steps
 TINY_FLOW = {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}}
 TINY = {
@@ -62,10 +64,31 @@ def make_point():
     return Monitor(gym.make(POINT))
 
 
-def make_model(env=POINT, policy="MlpPolicy", **kwargs):
-    """A tiny model; dicts are merged into those of ``TINY``."""
-    merged = {key: {**TINY[key], **value} if isinstance(value, dict) else value for key, value in kwargs.items()}
-    return BrunoSAC(policy, env, **{**TINY, **merged})
+@pytest.fixture(scope="module", params=ALGORITHMS, ids=lambda one: one.__name__)
+def algorithm(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def make_model(algorithm):
+    def make(env=POINT, policy="MlpPolicy", **kwargs):
+        """A tiny model; dicts are merged into those of ``TINY``."""
+        merged = {key: {**TINY[key], **value} if isinstance(value, dict) else value for key, value in kwargs.items()}
+        return algorithm(policy, env, **{**TINY, **merged})
+
+    return make
+
+
+def for_each_that_takes(*options):
+    """Run a test for every algorithm with each of the options that it has an argument for."""
+    pairs = [(one, option) for one in ALGORITHMS for option in options if option.keys() <= arguments_of(one)]
+    names = [f"{one.__name__}-{name_of(option)}" for one, option in pairs]
+    return pytest.mark.parametrize(("algorithm", "options"), pairs, indirect=["algorithm"], ids=names, scope="module")
+
+
+def arguments_of(algorithm):
+    """The names of an algorithm's arguments: the mixin's and SB3's."""
+    return {name for base in algorithm.__bases__ for name in inspect.signature(base).parameters}
 
 
 def normalized(env_fn=make_pendulum, **kwargs):
@@ -73,7 +96,7 @@ def normalized(env_fn=make_pendulum, **kwargs):
 
 
 @pytest.fixture(scope="module")
-def trained():
+def trained(make_model):
     """A model after 60 steps of Pendulum, 20 of them with updates: not to be changed."""
     return make_model(make_pendulum()).learn(60)
 
@@ -124,7 +147,7 @@ OPTIONS = [
     {"encoder_update_ratio": 0.25},
     {"encoder_update_ratio": 2},
     {"buffer_size": 20},  # shorter than an episode
-    {"buffer_size": 1, "batch_size": 1},
+    {"buffer_size": 1, "batch_size": 2},
     {"batch_size": 3},  # fewer than sequences
     {"policy_kwargs": {"n_critics": 1}},
     {"policy_kwargs": {"n_critics": 3, "net_arch": {"pi": [8], "qf": [8, 8]}}},
@@ -141,8 +164,8 @@ OPTIONS = [
 ]
 
 
-@pytest.mark.parametrize("options", OPTIONS, ids=name_of)
-def test_every_option_learns(options):
+@for_each_that_takes(*OPTIONS)
+def test_every_option_learns(make_model, options):
     model = make_model(**options)
     before = deepcopy(model.get_parameters()["policy"])
     model.learn(70)
@@ -150,11 +173,12 @@ def test_every_option_learns(options):
     assert model.num_timesteps >= 70
     assert all(value.isfinite().all() for value in after.values())
     for part in ("actor.", "critic.", "critic_target.", "encoder."):
-        assert any(not th.equal(value, after[name]) for name, value in before.items() if name.startswith(part))
+        of_it = [name for name in before if name.startswith(part)]  # CrossQ has no targets
+        assert not of_it or any(not th.equal(before[name], after[name]) for name in of_it)
 
 
 @pytest.mark.parametrize("train_freq", ["4", ("1", "episode"), (1, "close")])
-def test_a_train_freq_that_sb3_refuses_is_refused(train_freq):
+def test_a_train_freq_that_sb3_refuses_is_refused(make_model, train_freq):
     with pytest.raises(ValueError, match=r"train_freq|train frequency|invalid literal|integer"):
         make_model(train_freq=train_freq).learn(1)
 
@@ -175,18 +199,19 @@ def test_a_train_freq_that_sb3_refuses_is_refused(train_freq):
     ],
     ids=str,
 )
-def test_what_cannot_work_is_refused_by_name(options, message):
+def test_what_cannot_work_is_refused_by_name(make_model, options, message):
     with pytest.raises(ValueError, match=message):
         make_model(**options)
 
 
-@pytest.mark.parametrize("policy", ["MultiInputPolicy", BrunoSACPolicy])
-def test_both_names_and_the_class_mean_the_same_policy(policy):
-    assert_same(make_model().get_parameters(), make_model(policy=policy).get_parameters())
+def test_both_names_and_the_class_mean_the_same_policy(make_model):
+    model = make_model(policy="MlpPolicy")
+    for policy in ("MultiInputPolicy", type(model.policy)):
+        assert_same(model.get_parameters(), make_model(policy=policy).get_parameters())
 
 
 @pytest.mark.parametrize("n_envs", [1, 3])
-def test_gradient_steps_count_the_transitions_of_all_envs(n_envs):
+def test_gradient_steps_count_the_transitions_of_all_envs(make_model, n_envs):
     env = make_vec_env(POINT, n_envs, seed=0)
     noise = NormalActionNoise(**NOISE)  # SB3 makes it one noise per env
     model = make_model(env, learning_starts=0, train_freq=5, gradient_steps=-1, action_noise=noise)
@@ -195,7 +220,7 @@ def test_gradient_steps_count_the_transitions_of_all_envs(n_envs):
     assert model.replay_buffer.size() == 15
 
 
-def test_envs_in_subprocesses():
+def test_envs_in_subprocesses(make_model):
     env = make_vec_env(POINT, 2, seed=0, vec_env_cls=SubprocVecEnv, vec_env_kwargs={"start_method": "fork"})
     try:
         model = make_model(env).learn(80)
@@ -219,9 +244,10 @@ class MatrixEnv(gym.Env):
         return self.np_random.uniform(-1.0, 1.0, (2, 3)), float(action.sum()), False, False, {}
 
 
-def test_matrices_of_float64():
+@for_each_that_takes({}, {"use_sde": True})
+def test_matrices_of_float64(make_model, options):
     env = TransitionObservation(MetaTask(gym.wrappers.TimeLimit(MatrixEnv(), 20)))
-    model = make_model(env, use_sde=True).learn(60)
+    model = make_model(env, **options).learn(60)
     action, _ = model.predict(env.reset(seed=0)[0])
     assert env.action_space.contains(action)
 
@@ -230,12 +256,12 @@ def test_matrices_of_float64():
 
 
 @pytest.mark.parametrize("with_env", [True, False])
-@pytest.mark.parametrize("options", [{}, {"ent_coef": 0.01, "use_sde": True, "critic_input": "both"}], ids=str)
-def test_a_loaded_model_has_the_same_parameters_actions_and_beliefs(tmp_path, options, with_env):
+@for_each_that_takes({}, {"ent_coef": 0.01, "use_sde": True, "critic_input": "both"})
+def test_a_loaded_model_has_the_same_parameters_actions_and_beliefs(algorithm, make_model, tmp_path, options, with_env):
     env = make_vec_env(make_pendulum, 2)
     model = make_model(env, **options).learn(70)
     model.save(tmp_path / "model")
-    loaded = BrunoSAC.load(tmp_path / "model", env=env if with_env else None, device="cpu")
+    loaded = algorithm.load(tmp_path / "model", env=env if with_env else None, device="cpu")
     assert_same(model.get_parameters(), loaded.get_parameters())
     for observation, state, action in rollout(model, env, 10):
         assert_same(
@@ -249,21 +275,21 @@ def test_a_loaded_model_has_the_same_parameters_actions_and_beliefs(tmp_path, op
         assert loaded.num_timesteps == 120
 
 
-def test_a_model_keeps_its_encoder_options_when_loaded(tmp_path):
+def test_a_model_keeps_its_encoder_options_when_loaded(algorithm, make_model, tmp_path):
     options = {"encoder_learning_rate": 3e-4, "encoder_batch_size": 5, "encoder_update_ratio": 0.3}
     make_model(critic_input="both", encoder_learning_starts=7, **options).save(tmp_path / "model")
-    loaded = BrunoSAC.load(tmp_path / "model", encoder_batch_size=6, custom_objects={"encoder_update_ratio": 0.4})
+    loaded = algorithm.load(tmp_path / "model", encoder_batch_size=6, custom_objects={"encoder_update_ratio": 0.4})
     assert (loaded.encoder_learning_rate, loaded.encoder_learning_starts) == (3e-4, 7)
     assert (loaded.encoder_batch_size, loaded.encoder_update_ratio) == (6, 0.4)
     assert loaded.policy.critic_input == "both"
     assert loaded.encoder_optimizer.param_groups[0]["lr"] == 3e-4
 
 
-def test_attributes_are_excluded_and_included_by_name(tmp_path):
+def test_attributes_are_excluded_and_included_by_name(algorithm, make_model, tmp_path):
     make_model(verbose=2).save(tmp_path / "model", exclude=["verbose"])
-    assert BrunoSAC.load(tmp_path / "model").verbose == 0
+    assert algorithm.load(tmp_path / "model").verbose == 0
     make_model(verbose=2).save(tmp_path / "model", exclude=["verbose"], include=["verbose"])
-    assert BrunoSAC.load(tmp_path / "model").verbose == 2
+    assert algorithm.load(tmp_path / "model").verbose == 2
 
 
 def test_policy_and_actor_are_saved_alone(tmp_path, trained):
@@ -271,7 +297,7 @@ def test_policy_and_actor_are_saved_alone(tmp_path, trained):
     extended, _ = trained.policy.extend(observation)
     trained.policy.save(tmp_path / "policy")
     trained.actor.save(tmp_path / "actor")
-    policy = BrunoSACPolicy.load(tmp_path / "policy", device="cpu")
+    policy = type(trained.policy).load(tmp_path / "policy", device="cpu")
     actor = type(trained.actor).load(tmp_path / "actor", device="cpu")
     assert_same(policy.state_dict(), trained.policy.state_dict())
     expected, state = trained.predict(observation, deterministic=True)
@@ -279,7 +305,7 @@ def test_policy_and_actor_are_saved_alone(tmp_path, trained):
     assert_same(actor.predict(extended, deterministic=True)[0], expected)
 
 
-def test_parameters_move_from_model_to_model():
+def test_parameters_move_from_model_to_model(make_model):
     source, target = make_model(seed=1).learn(60), make_model(seed=2)
     target.set_parameters(source.get_parameters())
     assert_same(target.get_parameters(), source.get_parameters())
@@ -294,7 +320,7 @@ def test_parameters_move_from_model_to_model():
     target.set_parameters(parameters, exact_match=False)
 
 
-def test_a_replay_buffer_comes_back_and_is_learned_from(tmp_path):
+def test_a_replay_buffer_comes_back_and_is_learned_from(make_model, tmp_path):
     model = make_model().learn(50)
     model.save_replay_buffer(tmp_path / "buffer")
     other = make_model(seed=1, learning_starts=0)
@@ -306,7 +332,7 @@ def test_a_replay_buffer_comes_back_and_is_learned_from(tmp_path):
     assert (other.replay_buffer.size(), other._n_updates) == (80, 30)
 
 
-def test_a_copied_model_learns():
+def test_a_copied_model_learns(make_model):
     model = make_model().learn(50)
     twin = deepcopy(model)
     assert_same(twin.get_parameters(), model.get_parameters())
@@ -314,7 +340,7 @@ def test_a_copied_model_learns():
     assert (twin._n_updates, model._n_updates) == (30, 10)
 
 
-def test_a_buffer_of_another_algorithm_is_refused(tmp_path):
+def test_a_buffer_of_another_algorithm_is_refused(make_model, tmp_path):
     SAC("MultiInputPolicy", POINT, buffer_size=10).save_replay_buffer(tmp_path / "buffer")
     with pytest.raises(ValueError, match="TaskReplayBuffer"):
         make_model().load_replay_buffer(tmp_path / "buffer")
@@ -323,7 +349,7 @@ def test_a_buffer_of_another_algorithm_is_refused(tmp_path):
 # -- envs ------------------------------------------------------------------------------------------------------------
 
 
-def test_envs_are_exchanged_for_their_like_only():
+def test_envs_are_exchanged_for_their_like_only(make_model):
     model = make_model().learn(50)
     model.set_env(make_vec_env(POINT, 1, env_kwargs={"split": "test"}))
     assert model._last_obs is None
@@ -339,34 +365,34 @@ def test_envs_are_exchanged_for_their_like_only():
         model.set_env(make_vec_env(POINT, 2))
 
 
-def test_a_loaded_model_takes_another_number_of_envs(tmp_path):
+def test_a_loaded_model_takes_another_number_of_envs(algorithm, make_model, tmp_path):
     make_model().learn(50).save(tmp_path / "model")
-    model = BrunoSAC.load(tmp_path / "model", env=make_vec_env(POINT, 2))
+    model = algorithm.load(tmp_path / "model", env=make_vec_env(POINT, 2))
     model.learn(100)
     assert model.replay_buffer.actions.shape[1] == 2
 
 
-def test_a_loaded_model_goes_on_in_the_middle_of_an_episode(tmp_path):
+def test_a_loaded_model_goes_on_in_the_middle_of_an_episode(algorithm, make_model, tmp_path):
     model = make_model().learn(50)
     model.save(tmp_path / "model")
-    loaded = BrunoSAC.load(tmp_path / "model", env=model.get_env(), force_reset=False)
+    loaded = algorithm.load(tmp_path / "model", env=model.get_env(), force_reset=False)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         loaded.learn(50, reset_num_timesteps=False)
     assert loaded.num_timesteps == 100
 
 
-def test_a_model_is_not_loaded_on_another_family(tmp_path):
+def test_a_model_is_not_loaded_on_another_family(algorithm, make_model, tmp_path):
     make_model().save(tmp_path / "model")
     with pytest.raises(ValueError, match="Observation spaces do not match"):
-        BrunoSAC.load(tmp_path / "model", env=make_pendulum())
+        algorithm.load(tmp_path / "model", env=make_pendulum())
 
 
 KEYS = [["observation"], ["observation", "reward"], None]  # None: SB3's default, all of them
 
 
 @pytest.mark.parametrize("keys", KEYS, ids=str)
-def test_vec_normalize_is_saved_and_synchronised(tmp_path, keys):
+def test_vec_normalize_is_saved_and_synchronised(algorithm, make_model, tmp_path, keys):
     env, eval_env = normalized(norm_obs_keys=keys), normalized(norm_obs_keys=keys, training=False)
     model = make_model(env)
     assert model.get_vec_normalize_env() is env
@@ -375,13 +401,13 @@ def test_vec_normalize_is_saved_and_synchronised(tmp_path, keys):
     model.save(tmp_path / "model")
     env.save(tmp_path / "normalize")
     renewed = VecNormalize.load(tmp_path / "normalize", DummyVecEnv([make_pendulum]))
-    BrunoSAC.load(tmp_path / "model", env=renewed).learn(50)
+    algorithm.load(tmp_path / "model", env=renewed).learn(50)
     model.set_env(eval_env)
     assert model.get_vec_normalize_env() is eval_env
 
 
 @pytest.mark.parametrize("options", [*({"norm_obs_keys": keys} for keys in KEYS), {"norm_obs": False}], ids=str)
-def test_a_belief_carried_through_predict_is_that_of_the_transitions(options):
+def test_a_belief_carried_through_predict_is_that_of_the_transitions(make_model, options):
     env = normalized(**options)
     model = make_model(env, encoder_kwargs={"extra_dims": 0}).learn(60)
     env.training = False
@@ -434,7 +460,7 @@ class DropoutEncoder(BrunoEncoder):
 
 
 @pytest.mark.parametrize("encoder_class", [BrunoEncoder, DropoutEncoder])
-def test_predict_changes_nothing_and_repeats_itself(encoder_class):
+def test_predict_changes_nothing_and_repeats_itself(make_model, encoder_class):
     model = make_model(make_pendulum(), encoder_class=encoder_class).learn(60)
     env = make_vec_env(make_pendulum, 2, seed=0)
     model.policy.set_training_mode(True)  # as ``train`` leaves it
@@ -479,8 +505,8 @@ def test_acting_without_the_state_is_warned_about(trained):
 # -- learning --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("options", [{}, {"train_freq": 3, "use_sde": True, "ent_coef": 0.1}], ids=str)
-def test_the_same_seed_gives_the_same_run(options):
+@for_each_that_takes({}, {"train_freq": 3, "use_sde": True, "ent_coef": 0.1})
+def test_the_same_seed_gives_the_same_run(make_model, options):
     def run(seed):
         model = make_model(make_vec_env(POINT, 2), seed=seed, **options).learn(70)
         return model.get_parameters()["policy"], rollout(model, model.get_env(), 20, deterministic=False)
@@ -490,14 +516,14 @@ def test_the_same_seed_gives_the_same_run(options):
     assert not np.array_equal(first[1][-1][2], run(seed=4)[1][-1][2])
 
 
-def test_learning_in_two_parts_equals_learning_at_once():
+def test_learning_in_two_parts_equals_learning_at_once(make_model):
     at_once = make_model().learn(100)
     in_parts = make_model().learn(45).learn(55, reset_num_timesteps=False)  # the cut is inside an episode
     assert in_parts.num_timesteps == 100
     assert_same(at_once.get_parameters(), in_parts.get_parameters())
 
 
-def test_learning_warns_of_nothing():
+def test_learning_warns_of_nothing(make_model):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         model = make_model().learn(60)
@@ -505,7 +531,7 @@ def test_learning_warns_of_nothing():
 
 
 @pytest.mark.filterwarnings("ignore:rich is experimental")  # of the progress bar
-def test_callbacks_evaluate_and_save(tmp_path):
+def test_callbacks_evaluate_and_save(algorithm, make_model, tmp_path):
     env, eval_env = normalized(make_point), normalized(make_point, training=False)
     evaluate = EvalCallback(
         eval_env,
@@ -522,17 +548,17 @@ def test_callbacks_evaluate_and_save(tmp_path):
 
     assert evaluate.evaluations_timesteps == [30, 60]
     assert np.shape(evaluate.evaluations_results) == (2, 2)
-    BrunoSAC.load(tmp_path / "best_model").predict(eval_env.reset())
+    algorithm.load(tmp_path / "best_model").predict(eval_env.reset())
     path = tmp_path / "rl_model_vecnormalize_50_steps.pkl"
     renewed = VecNormalize.load(path, DummyVecEnv([make_point]))
-    model = BrunoSAC.load(tmp_path / "rl_model_50_steps", env=renewed)
+    model = algorithm.load(tmp_path / "rl_model_50_steps", env=renewed)
     model.load_replay_buffer(tmp_path / "rl_model_replay_buffer_50_steps.pkl")
     model.learn(20, reset_num_timesteps=False)
     assert model.num_timesteps == 70
 
 
 @pytest.mark.parametrize("encoder_learning_starts", [None, 0])
-def test_a_callback_stops_at_the_first_step(encoder_learning_starts):
+def test_a_callback_stops_at_the_first_step(make_model, encoder_learning_starts):
     model = make_model(encoder_learning_starts=encoder_learning_starts, encoder_update_ratio=1)
     model.learn(50, callback=lambda *_: False)
     assert (model.num_timesteps, model.replay_buffer.size()) == (1, 0)
@@ -540,18 +566,18 @@ def test_a_callback_stops_at_the_first_step(encoder_learning_starts):
     assert model.replay_buffer.size() == 50
 
 
-def test_a_callback_stops_after_two_episodes():
+def test_a_callback_stops_after_two_episodes(make_model):
     assert make_model().learn(1_000, StopTrainingOnMaxEpisodes(2)).num_timesteps == 60
 
 
-def test_tensorboard_shows_encoder_and_belief(tmp_path):
+def test_tensorboard_shows_encoder_and_belief(algorithm, make_model, tmp_path):
     model = make_model(tensorboard_log=str(tmp_path)).learn(70, log_interval=1)
     model.learn(70, log_interval=1, reset_num_timesteps=False)
     model.learn(40, tb_log_name="other")
-    assert {folder.name for folder in tmp_path.iterdir()} == {"BrunoSAC_1", "other_1"}
-    events = event_accumulator.EventAccumulator(str(tmp_path / "BrunoSAC_1"))
+    assert {folder.name for folder in tmp_path.iterdir()} == {f"{algorithm.__name__}_1", "other_1"}
+    events = event_accumulator.EventAccumulator(str(tmp_path / f"{algorithm.__name__}_1"))
     events.Reload()
     shown = set(events.Tags()["scalars"])
-    assert {"rollout/ep_rew_mean", "train/actor_loss", "train/critic_loss", "train/ent_coef"} <= shown
+    assert {"rollout/ep_rew_mean", "train/actor_loss", "train/critic_loss"} <= shown
     assert {"encoder/bound_nats", "encoder/learning_rate", "belief/mean_abs", "belief/var"} <= shown
     assert all(np.isfinite(event.value) for event in events.Scalars("encoder/bound_nats"))

@@ -1,0 +1,29 @@
+"""The benchmarks run and write what they say; how fast anything is, is not tested."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+
+
+def run(name, *arguments):
+    command = [sys.executable, str(BENCHMARKS / name), *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+
+def test_speed_writes_a_table_and_its_rounds(tmp_path):
+    run("speed.py", "--rounds", "2", "--only", "encoder_updates", "--out", str(tmp_path))
+    measured = json.loads((tmp_path / "speed.json").read_text())
+    assert [one["what"] for one in measured["rows"]] == ["encoder update, 10 x 100", "bytes of 200,000 transitions"]
+    assert {len(rounds) for rounds in measured["seconds"]["encoder_updates"].values()} == {2}
+    assert "| encoder update, 10 x 100 |" in (tmp_path / "speed.md").read_text()
+
+
+def test_belief_sharpness_prints_shares_of_both_sets():
+    short = ["--transitions", "2000", "--updates", "20", "--every", "10", "--flow", "reflected_maf"]
+    last = run("belief_sharpness.py", *short).splitlines()[-1]
+    trained_on, others = last.split("|")
+    assert last.split()[0] == "20"
+    assert all(0 <= float(share) <= 1 for share in (*trained_on.split()[2:], *others.split()))
