@@ -101,10 +101,14 @@ class ExchangeableGaussian(nn.Module):
         return Statistics(*(F.pad(one.cumsum(dim=-2), (0, 0, 1, 0)) for one in self.observe(z)))
 
     def posterior(self, statistics: Statistics) -> Normal:
-        """p(theta | z_1..z_n) = N(rho S1 / D_n, rho (v - rho) / D_n), D_n = v + (n - 1) rho. Batch (..., dim)."""
-        scale = self._evidence_var(statistics.n)
-        mean = self.cov * statistics.total / scale
-        return Normal(mean, (self.cov * self.noise_var / scale).sqrt().expand_as(mean), validate_args=False)
+        """p(theta | z_1..z_n) = N(rho S1 / D_n, rho (v - rho) / D_n), D_n = v + (n - 1) rho. Batch (..., dim).
+
+        D_n is summed as (v - rho) + n rho, so that it stays positive at n = 0.
+        """
+        cov, noise_var = self.cov, self.noise_var
+        gain = cov / (noise_var + statistics.n * cov)  # rho / D_n
+        mean = gain * statistics.total
+        return Normal(mean, (gain * noise_var).sqrt().expand_as(mean), validate_args=False)
 
     def predictive(self, statistics: Statistics) -> Normal:
         """p(z_{n+1} | z_1..z_n) = N(mu_n, v - rho + var_n). Batch (..., dim)."""
@@ -117,11 +121,7 @@ class ExchangeableGaussian(nn.Module):
         -1/2 [n ln 2 pi + (n - 1) ln(v - rho) + ln D_n + (S2 - rho S1^2 / D_n) / (v - rho)]
         """
         n, total, total_sq = statistics
-        scale = self._evidence_var(n)
+        scale = self.noise_var + n * self.cov  # D_n
         deviance = (total_sq - self.cov * total.square() / scale) / self.noise_var
         log_volume = n * math.log(2 * math.pi) + (n - 1) * self.noise_var.log() + scale.log()
         return -0.5 * (log_volume + deviance)
-
-    def _evidence_var(self, n: Tensor) -> Tensor:
-        """D_n = v + (n - 1) rho, written so that n = 0 keeps v - rho > 0 exactly. Shape (..., dim)."""
-        return self.noise_var + n * self.cov

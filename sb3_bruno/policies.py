@@ -122,6 +122,7 @@ class TaskInferencePolicy(BasePolicy):
         actions, _ = super().predict(extended, deterministic=deterministic)
         return actions, state
 
+    @th.inference_mode()
     def extend(
         self,
         observation: dict[str, NDArray[Any]],
@@ -138,30 +139,29 @@ class TaskInferencePolicy(BasePolicy):
         arrival, vectorized = self.obs_to_tensor(observation)
         assert isinstance(arrival, dict)  # for mypy
         here = arrival["observation"].float().flatten(start_dim=1)
-        n_envs = len(here)
+        n_envs, device = len(here), here.device
         began = arrival["episode_start"].reshape(n_envs) > 0  # also where VecNormalize has centred the key
         if state is None:
             if not began.all():
                 warnings.warn(
                     "`predict` was called in mid-episode without `state`, so the agent acts on its prior: pass back "
                     "the state that the last call returned.",
-                    stacklevel=3,
+                    stacklevel=4,
                 )
             statistics = self.encoder.empty((n_envs,))
             began = th.ones_like(began)
             before = here
         else:
-            *carried, before = (th.as_tensor(one, device=self.device) for one in state)
+            *carried, before = (th.as_tensor(one, device=device) for one in state)
             statistics = tuple(carried)
         if episode_start is not None:
-            fresh = th.as_tensor(np.asarray(episode_start, dtype=bool).reshape(n_envs), device=self.device)
+            fresh = th.as_tensor(np.asarray(episode_start, dtype=bool).reshape(n_envs), device=device)
             statistics = _where(fresh, self.encoder.empty((n_envs,)), statistics)
             began = began | fresh
-        with th.no_grad():
-            transitions = Transitions(before, arrival["action"].float(), arrival["reward"].float(), here)
-            statistics = _where(began, statistics, self.encoder.absorb(statistics, transitions))
-            extended = self.layout.join(here, self.encoder.belief(statistics)).cpu().numpy()
-        next_state = tuple(one.detach().cpu().numpy() for one in (*statistics, here))
+        transitions = Transitions(before, arrival["action"].float(), arrival["reward"].float(), here)
+        statistics = _where(began, statistics, self.encoder.absorb(statistics, transitions))
+        extended = self.layout.join(here, self.encoder.belief(statistics)).cpu().numpy()
+        next_state = tuple(one.cpu().numpy() for one in (*statistics, here))
         return (extended if vectorized else extended[0]), next_state
 
     def obs_to_tensor(self, observation: Observation) -> tuple[PyTorchObs, bool]:

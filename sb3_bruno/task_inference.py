@@ -94,7 +94,7 @@ class TaskInference(OffPolicyAlgorithm):
         self.replay_buffer_class = self.replay_buffer_class or TaskReplayBuffer
         super()._setup_model()
         self.encoder_lr_schedule = FloatSchedule(self.encoder_learning_rate)
-        self.encoder_optimizer = th.optim.Adam(self.encoder.parameters(), lr=self.encoder_lr_schedule(1))
+        self.encoder_optimizer = th.optim.Adam(self.encoder.parameters(), lr=self.encoder_lr_schedule(1), fused=True)
         self.bind_buffer()
 
     def _create_aliases(self) -> None:

@@ -125,7 +125,6 @@ def test_the_quickstart_trains_with_the_zoos_hyperparameters():
     from sb3_bruno import quickstart
 
     config = yaml.safe_load((ROOT / "zoo_configs" / "bruno_sac.yml").read_text())["CheetahDir-v0"]
-    config = {key: eval(value) if str(value).startswith("dict(") else value for key, value in config.items()}
     assert config["n_envs"] == quickstart.N_ENVS
     assert config["n_timesteps"] == quickstart.FULL_STEPS
     for key, value in quickstart.HYPERPARAMETERS.items():

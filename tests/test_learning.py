@@ -20,8 +20,7 @@ CONFIG = yaml.safe_load((Path(__file__).parents[1] / "zoo_configs" / "bruno_sac.
 
 def settings_of(config):
     """The constructor's arguments in a zoo config."""
-    settings = {key: value for key, value in config.items() if key not in ("n_timesteps", "n_envs", "policy")}
-    return {key: eval(value) if str(value).startswith("dict(") else value for key, value in settings.items()}
+    return {key: value for key, value in config.items() if key not in ("n_timesteps", "n_envs", "policy")}
 
 
 def returns(model, observe):
