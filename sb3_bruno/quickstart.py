@@ -17,13 +17,13 @@ import gymnasium as gym
 import numpy as np
 import torch as th
 from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from sb3_bruno import BrunoSAC
 from sb3_bruno.eval_callback import TaskEvalCallback, load_learning_curve
 from sb3_bruno.evaluation import AdaptationResult, evaluate_adaptation
 from sb3_bruno.plotting import plot_adaptation, plot_learning_curves
 from sb3_bruno.resume import ResumeCallback, resume
-from sb3_bruno.task_inference import TaskInference
 from sb3_bruno_envs import CHEETAH_DIR_TASKS
 
 ENV_ID = "sb3_bruno_envs:CheetahDir-v0"
@@ -88,7 +88,7 @@ def run(steps: int, seed: int, folder: Path) -> AdaptationResult:
     return result
 
 
-def train(steps: int, seed: int, folder: Path) -> TaskInference:
+def train(steps: int, seed: int, folder: Path) -> OffPolicyAlgorithm:
     """Train for ``steps`` env steps in all, from the checkpoint in ``folder`` if there is one."""
     checkpoint = folder / "checkpoint.pkl"
     env = make_vec_env(ENV_ID, N_ENVS, seed=seed)

@@ -16,6 +16,7 @@ import torch as th
 from gymnasium import Env, Wrapper
 from gymnasium.utils import EzPickle
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
@@ -31,7 +32,7 @@ class ResumeCallback(BaseCallback):
     :param path: the checkpoint file; each checkpoint replaces the last
     :param save_freq: env steps between checkpoints
     :param verbose: 1 to print a line per checkpoint
-    :raises ValueError: if ``save_freq`` is not positive
+    :raises ValueError: if ``save_freq`` is not positive, or the model is not off-policy
     """
 
     def __init__(self, path: str | pathlib.Path, save_freq: int = 10_000, verbose: int = 0) -> None:
@@ -42,6 +43,13 @@ class ResumeCallback(BaseCallback):
         self.save_freq = save_freq
         self._saved_at = 0
 
+    def _init_callback(self) -> None:
+        if not isinstance(self.model, OffPolicyAlgorithm):
+            raise ValueError(
+                f"Only off-policy algorithms can be resumed exactly, got {type(self.model).__name__}: use SB3's "
+                "CheckpointCallback."
+            )
+
     def _on_training_start(self) -> None:
         self._saved_at = self.num_timesteps
 
@@ -49,7 +57,7 @@ class ResumeCallback(BaseCallback):
         if self.model.num_timesteps - self._saved_at < self.save_freq:
             return
         self._saved_at = self.model.num_timesteps
-        assert isinstance(self.model, TaskInference)  # for mypy
+        assert isinstance(self.model, OffPolicyAlgorithm)  # checked at the start
         save_checkpoint(self.model, self.path)
         if self.verbose > 0:
             print(f"Checkpoint at {self._saved_at} env steps: {self.path}")
@@ -58,7 +66,7 @@ class ResumeCallback(BaseCallback):
         return True
 
 
-def save_checkpoint(model: TaskInference, path: str | pathlib.Path) -> None:
+def save_checkpoint(model: OffPolicyAlgorithm, path: str | pathlib.Path) -> None:
     """Save model, optimisers, replay buffer, VecNormalize, counters, random states, beliefs and envs to one file.
 
     :param model: a model that is at the start of a rollout
@@ -91,7 +99,7 @@ def save_checkpoint(model: TaskInference, path: str | pathlib.Path) -> None:
             raise
 
 
-def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "auto") -> TaskInference:
+def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "auto") -> OffPolicyAlgorithm:
     """Load a checkpoint of ``ResumeCallback``; go on with ``learn(remaining, reset_num_timesteps=False)``.
 
     With the same total of env steps the run equals the uninterrupted one, bit for bit on the same machine (gSDE's
@@ -112,10 +120,10 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
     """
     with open(path, "rb") as file:
         checkpoint = cloudpickle.load(file)
-    vec_env = TaskInference._wrap_env(env)
+    vec_env = OffPolicyAlgorithm._wrap_env(env)
     if checkpoint["vec_normalize"] is not None:
         vec_env = _renew_vec_normalize(checkpoint["vec_normalize"], checkpoint["returns"], vec_env)
-    model: TaskInference = checkpoint["class"].load(
+    model: OffPolicyAlgorithm = checkpoint["class"].load(
         io.BytesIO(checkpoint["model"]), env=vec_env, device=device, force_reset=False
     )
     buffer = checkpoint["replay_buffer"]
@@ -123,7 +131,8 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
         raise ValueError(f"`env` has {vec_env.num_envs} envs, the checkpoint {buffer.n_envs}: make as many.")
     buffer.device = model.device
     model.replay_buffer = buffer
-    model.bind_buffer()
+    if isinstance(model, TaskInference):
+        model.bind_buffer()
     if checkpoint["envs"] is None:
         warnings.warn(
             f"The run goes on with a new episode, because {checkpoint['envs_missing_because']}.", stacklevel=2
@@ -171,7 +180,7 @@ def _layers(env: Env[Any, Any]) -> list[Env[Any, Any]]:
     return layers
 
 
-def _random_states(model: TaskInference) -> dict[str, Any]:
+def _random_states(model: OffPolicyAlgorithm) -> dict[str, Any]:
     return {
         "python": random.getstate(),
         "numpy": np.random.get_state(),  # noqa: NPY002  # what SB3 draws from
@@ -181,7 +190,7 @@ def _random_states(model: TaskInference) -> dict[str, Any]:
     }
 
 
-def _set_random_states(model: TaskInference, states: dict[str, Any]) -> None:
+def _set_random_states(model: OffPolicyAlgorithm, states: dict[str, Any]) -> None:
     random.setstate(states["python"])
     np.random.set_state(states["numpy"])  # noqa: NPY002
     th.set_rng_state(states["torch"])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch as th
 import zuko
+from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
@@ -88,6 +89,22 @@ def test_a_resumed_run_equals_the_uninterrupted_one(tmp_path, make_env, died_at)
     for one, two in zip(fingerprint(whole), fingerprint(resumed), strict=True):
         assert th.equal(one, two)
     assert resumed.ep_info_buffer[-1]["r"] == whole.ep_info_buffer[-1]["r"]
+
+
+def test_sb3s_own_algorithms_are_resumed_alike(tmp_path):
+    def make_env():
+        return point(env_kwargs={"observe": "task"})
+
+    settings = {key: value for key, value in SETTINGS.items() if not key.startswith(("encoder", "replay"))}
+    whole = SAC("MlpPolicy", make_env(), **settings).learn(STEPS)
+    path = tmp_path / "checkpoint.pkl"
+    with pytest.raises(KeyboardInterrupt):
+        SAC("MlpPolicy", make_env(), **settings).learn(STEPS, [ResumeCallback(path, 30), Die(170)])
+    scramble_random_states()
+    resumed = resume(path, make_env())
+    resumed.learn(STEPS - resumed.num_timesteps, reset_num_timesteps=False)
+    for one, two in zip(_tensors(whole.get_parameters()), _tensors(resumed.get_parameters()), strict=True):
+        assert th.equal(one, two)
 
 
 @pytest.mark.mujoco
@@ -178,6 +195,8 @@ def test_an_env_that_cannot_be_pickled_is_no_error(tmp_path):
 
 
 def test_mistakes_are_named(tmp_path):
+    with pytest.raises(ValueError, match="off-policy"):
+        PPO("MlpPolicy", point(env_kwargs={"observe": "plain"})).learn(1, ResumeCallback(tmp_path / "checkpoint.pkl"))
     with pytest.raises(ValueError, match="save_freq"):
         ResumeCallback(tmp_path / "checkpoint.pkl", 0)
     with pytest.raises(FileNotFoundError):
