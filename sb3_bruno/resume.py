@@ -16,6 +16,7 @@ import torch as th
 from gymnasium import Env, Wrapper
 from gymnasium.utils import EzPickle
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
@@ -85,6 +86,7 @@ def save_checkpoint(model: OffPolicyAlgorithm, path: str | pathlib.Path) -> None
         "random": _random_states(model),
         "envs": envs,
         "envs_missing_because": why_not,
+        "monitor_sizes": _monitor_sizes(model.env),
     }
     if model.get_vec_normalize_env() is not None:
         checkpoint["returns"] = model.get_vec_normalize_env().returns  # type: ignore[union-attr]  # not None
@@ -104,7 +106,8 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
 
     With the same total of env steps the run equals the uninterrupted one, bit for bit on the same machine (gSDE's
     exploration matrix and correlated action noise excepted: they are drawn anew). Envs whose state cannot be saved
-    go on with a new episode, which a warning says.
+    go on with a new episode, which a warning says. Monitors write to the files of ``env``; where these were opened
+    with ``override_existing=False``, rows written after the checkpoint are cut off.
 
     Example: a run of 100,000 steps goes on with
 
@@ -139,8 +142,13 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
         )
         model._last_obs = None
     else:
-        _innermost(vec_env).envs = cloudpickle.loads(checkpoint["envs"])
-        vec_env.unwrapped._reset_seeds()
+        inner = _innermost(vec_env)
+        _cut_monitors(inner, checkpoint["monitor_sizes"])
+        writers = [monitor.results_writer for monitor in _monitors(inner)]
+        inner.envs = cloudpickle.loads(checkpoint["envs"])
+        for monitor, writer in zip(_monitors(inner), writers, strict=True):
+            monitor.results_writer = writer
+        inner._reset_seeds()
     _set_random_states(model, checkpoint["random"])
     return model
 
@@ -167,10 +175,35 @@ def _pickle_envs(vec_env: VecEnv | None) -> tuple[bytes | None, str]:
             # EzPickle makes a new env of the constructor's arguments: the state in between is lost.
             if isinstance(layer, EzPickle) and type(layer).__getstate__ is EzPickle.__getstate__:
                 return None, f"{type(layer).__name__} pickles its constructor's arguments and not its state"
+    monitors = _monitors(inner)
+    writers = [monitor.results_writer for monitor in monitors]
+    for monitor in monitors:
+        monitor.results_writer = None  # an open file cannot be pickled
     try:
         return cloudpickle.dumps(inner.envs), ""
     except Exception as error:  # whatever a user's env raises when it is pickled
         return None, f"the envs cannot be pickled ({error})"
+    finally:
+        for monitor, writer in zip(monitors, writers, strict=True):
+            monitor.results_writer = writer
+
+
+def _monitors(vec_env: DummyVecEnv) -> list[Monitor[Any, Any]]:
+    return [layer for env in vec_env.envs for layer in _layers(env) if isinstance(layer, Monitor)]
+
+
+def _monitor_sizes(vec_env: VecEnv | None) -> list[int]:
+    """How far each Monitor's file has been written, in bytes; 0 where there is none."""
+    inner = vec_env.venv if isinstance(vec_env, VecNormalize) else vec_env
+    writers = [one.results_writer for one in _monitors(inner)] if isinstance(inner, DummyVecEnv) else []
+    return [0 if writer is None else writer.file_handler.tell() for writer in writers]
+
+
+def _cut_monitors(vec_env: DummyVecEnv, sizes: list[int]) -> None:
+    for monitor, size in zip(_monitors(vec_env), sizes, strict=True):
+        writer = monitor.results_writer
+        if writer is not None and writer.file_handler.mode.startswith("a"):
+            writer.file_handler.truncate(min(size, writer.file_handler.tell()))
 
 
 def _layers(env: Env[Any, Any]) -> list[Env[Any, Any]]:

@@ -14,6 +14,7 @@ import zuko
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.monitor import load_results
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
 
 from sb3_bruno import BrunoSAC
@@ -105,6 +106,25 @@ def test_sb3s_own_algorithms_are_resumed_alike(tmp_path):
     resumed.learn(STEPS - resumed.num_timesteps, reset_num_timesteps=False)
     for one, two in zip(_tensors(whole.get_parameters()), _tensors(resumed.get_parameters()), strict=True):
         assert th.equal(one, two)
+
+
+def test_monitor_files_go_on_where_the_checkpoint_was_taken(tmp_path):
+    def make_env(folder, **kwargs):
+        return point(monitor_dir=str(tmp_path / folder), monitor_kwargs={"info_keywords": ("task_index",), **kwargs})
+
+    def rows(folder):
+        return [
+            (row.r, row.l, row.task_index) for row in load_results(str(tmp_path / folder)).sort_values("r").itertuples()
+        ]
+
+    BrunoSAC("MlpPolicy", make_env("whole"), **SETTINGS).learn(STEPS)
+    path = tmp_path / "checkpoint.pkl"
+    with pytest.raises(KeyboardInterrupt):
+        BrunoSAC("MlpPolicy", make_env("parts"), **SETTINGS).learn(STEPS, [ResumeCallback(path, 100), Die(195)])
+    resumed = resume(path, make_env("parts", override_existing=False))
+    assert resumed.num_timesteps < 180  # and two episodes of each env have been written since
+    resumed.learn(STEPS - resumed.num_timesteps, reset_num_timesteps=False)
+    assert rows("parts") == rows("whole")
 
 
 @pytest.mark.mujoco
