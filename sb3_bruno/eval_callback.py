@@ -56,6 +56,24 @@ class TaskEvalCallback(EvalCallback):
         self._episode_tasks: list[NDArray[np.float32]] = []  # of the evaluation that runs
         self._logged_tasks: set[str] = set()
 
+    def restore(self, num_timesteps: int) -> None:
+        """Go on with the learning curve in ``log_path``, up to ``num_timesteps``: for a run that is resumed."""
+        assert self.log_path is not None, "without a log_path there is nothing to go on with"
+        folder = Path(self.log_path).parent
+        try:
+            curve = load_learning_curve(folder)
+        except ValueError:  # nothing had been evaluated yet
+            return
+        known = int((curve.timesteps <= num_timesteps).sum())
+        with np.load(folder / "evaluations.npz") as stored:
+            lengths, successes = stored["ep_lengths"], stored.get("successes", ())
+        self.evaluations_timesteps = curve.timesteps[:known].tolist()
+        self.evaluations_results = [row.tolist() for row in curve.returns[:known]]
+        self.evaluations_length = [row.tolist() for row in lengths[:known]]
+        self.evaluations_successes = [row.tolist() for row in successes[:known]]
+        self.evaluations_tasks = list(curve.tasks[:known])
+        self.best_mean_reward = max((np.mean(row) for row in curve.returns[:known]), default=-np.inf)
+
     def _on_step(self) -> bool:
         self._episode_tasks = []
         continue_training = super()._on_step()

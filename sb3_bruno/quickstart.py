@@ -102,7 +102,7 @@ def train(steps: int, seed: int, folder: Path) -> OffPolicyAlgorithm:
     )
     if checkpoint.exists():
         model = resume(checkpoint, env)
-        restore_curve(evaluate, folder, model.num_timesteps)
+        evaluate.restore(model.num_timesteps)
         print(f"Going on at {model.num_timesteps:,} env steps, from {checkpoint}")
     else:
         model = BrunoSAC("MlpPolicy", env, seed=seed, **HYPERPARAMETERS)
@@ -111,19 +111,6 @@ def train(steps: int, seed: int, folder: Path) -> OffPolicyAlgorithm:
     if remaining > 0:
         model.learn(remaining, callbacks, reset_num_timesteps=False, progress_bar=True)
     return model
-
-
-def restore_curve(evaluate: TaskEvalCallback, folder: Path, until: int) -> None:
-    """Let the learning curve go on where the checkpoint was taken."""
-    try:
-        curve = load_learning_curve(folder)
-    except ValueError:  # the checkpoint is older than the first evaluation
-        return
-    known = curve.timesteps <= until
-    evaluate.evaluations_timesteps = curve.timesteps[known].tolist()
-    evaluate.evaluations_results = [row.tolist() for row in curve.returns[known]]
-    evaluate.evaluations_length = [[200] * len(row) for row in curve.returns[known]]
-    evaluate.evaluations_tasks = list(curve.tasks[known])
 
 
 def describe(result: AdaptationResult) -> dict[str, Any]:

@@ -11,7 +11,15 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from gymnasium.utils import RecordConstructorArgs
 
-from sb3_bruno_envs.tasks import Split, Task, TaskSet, as_task_distribution, check_split, check_task
+from sb3_bruno_envs.tasks import (
+    Split,
+    Task,
+    TaskDistribution,
+    TaskSet,
+    as_task_distribution,
+    check_split,
+    check_task,
+)
 
 Draw: TypeAlias = Literal["random", "cycle", "fixed"]
 
@@ -82,6 +90,11 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def task_space(self) -> Box:
         """The Box that holds every task, float32, ``(dim,)``."""
         return self._distribution.space
+
+    @property
+    def task_distribution(self) -> TaskDistribution:
+        """Where the tasks of both splits come from."""
+        return self._distribution
 
     @property
     def task(self) -> Task:

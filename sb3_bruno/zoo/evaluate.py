@@ -1,0 +1,112 @@
+"""``sb3-bruno evaluate`` and ``sb3-bruno plot``: how a trained agent adapts, as numbers and as figures."""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import rl_zoo3
+import torch as th
+import yaml
+from huggingface_sb3 import EnvironmentName
+from rl_zoo3.utils import get_model_path, get_saved_hyperparams
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+from sb3_bruno.eval_callback import load_learning_curve
+from sb3_bruno.evaluation import evaluate_adaptation
+from sb3_bruno.plotting import plot_adaptation, plot_learning_curves
+from sb3_bruno.zoo.mistake import Mistake
+
+
+def evaluate(arguments: list[str]) -> None:
+    """Test a trained agent on every test task and print, save and plot how it adapts.
+
+    example: sb3-bruno evaluate --algo bruno_sac --env CheetahDir-v0 -f logs --steps 1000
+    """
+    parser = _parser("evaluate", evaluate)
+    parser.add_argument("--algo", default="bruno_sac", choices=sorted(rl_zoo3.ALGOS), help="(default: bruno_sac)")
+    parser.add_argument("--env", type=EnvironmentName, default="CheetahDir-v0", help="(default: CheetahDir-v0)")
+    parser.add_argument("-f", "--folder", default="logs", help="log folder (default: logs)")
+    parser.add_argument("--exp-id", type=int, default=0, help="run number, 0: the latest (default)")
+    parser.add_argument("--load-best", action="store_true", help="the best model instead of the last")
+    parser.add_argument("--episodes", type=int, default=10, help="per task (default: 10)")
+    parser.add_argument("--steps", type=int, help="of each episode (default: the environment's own)")
+    parser.add_argument("--split", choices=["train", "test"], default="test", help="which tasks (default: test)")
+    parser.add_argument("--seed", type=int, default=0, help="of the environments (default: 0)")
+    parser.add_argument("--out", type=Path, help="where adaptation.json and .png go (default: the run's folder)")
+    options = parser.parse_args(arguments)
+    th.set_num_threads(1)
+    env_name = EnvironmentName(options.env)
+    try:
+        _, model_path, log_path = get_model_path(
+            options.exp_id, options.folder, options.algo, env_name, options.load_best
+        )
+    except (AssertionError, ValueError) as error:
+        raise Mistake(str(error)) from error
+    env_kwargs = _env_kwargs(Path(log_path) / env_name) | {"split": options.split}
+    if options.steps is not None:
+        env_kwargs["max_episode_steps"] = options.steps
+    make_env = partial(gym.make, env_name.gym_id, **env_kwargs)
+    model = rl_zoo3.ALGOS[options.algo].load(model_path, device="cpu")
+    result = evaluate_adaptation(
+        model,
+        make_env,
+        make_env().get_wrapper_attr("task_distribution").tasks(options.split),
+        n_episodes=options.episodes,
+        seed=options.seed,
+        vec_normalize=_vec_normalize(Path(log_path) / env_name, make_env),
+        config={"algo": options.algo, "env": env_name.gym_id, "env_steps": model.num_timesteps, "seed": model.seed},
+    )
+    out = options.out or Path(log_path)
+    out.mkdir(parents=True, exist_ok=True)
+    result.save(out / "adaptation.json")
+    plot_adaptation({options.algo: result}, out / "adaptation.png")
+    print(result.summary())
+    print(f"Saved {out / 'adaptation.json'} and {out / 'adaptation.png'}")
+
+
+def plot(arguments: list[str]) -> None:
+    """Plot the test return of each task while training, over all runs of an algorithm on an environment.
+
+    example: sb3-bruno plot -a bruno_sac -e CheetahDir-v0 -f logs --out curves.png
+    """
+    parser = _parser("plot", plot)
+    parser.add_argument("-a", "--algo", nargs="+", default=["bruno_sac"], help="(default: bruno_sac)")
+    parser.add_argument("-e", "--env", default="CheetahDir-v0", help="(default: CheetahDir-v0)")
+    parser.add_argument("-f", "--exp-folder", type=Path, default=Path("logs"), help="log folder (default: logs)")
+    parser.add_argument("--out", type=Path, default=Path("curves.png"), help="the figure (default: curves.png)")
+    options = parser.parse_args(arguments)
+    curves = {}
+    for algo in options.algo:
+        runs = sorted((options.exp_folder / algo).glob(f"{options.env}_*"))
+        curves[algo] = [load_learning_curve(run) for run in runs if (run / "evaluation_tasks.npz").is_file()]
+        if not curves[algo]:
+            raise Mistake(f"{options.exp_folder / algo} has no evaluated run of {options.env}: train with --eval-freq")
+    plot_learning_curves(curves, options.out)
+    for algo, of_algo in curves.items():
+        last = [float(np.mean(curve.returns[-1])) for curve in of_algo]
+        print(f"{algo}: {len(last)} runs, last evaluation {np.mean(last):.1f} on average")
+    print(f"Saved {options.out}")
+
+
+def _parser(name: str, command: Any) -> argparse.ArgumentParser:
+    about = "\n".join(line.strip() for line in (command.__doc__ or "").splitlines())
+    formatter = argparse.RawDescriptionHelpFormatter
+    return argparse.ArgumentParser(f"sb3-bruno {name}", description=about, formatter_class=formatter)
+
+
+def _env_kwargs(params: Path) -> dict[str, Any]:
+    """What the run's environment was made with, by config and command line."""
+    hyperparams, _ = get_saved_hyperparams(str(params))
+    with open(params / "args.yml", encoding="utf-8") as file:
+        given = yaml.unsafe_load(file)["env_kwargs"]  # rl_zoo3 wrote an OrderedDict
+    return {**hyperparams.get("env_kwargs", {}), **(given or {})}
+
+
+def _vec_normalize(params: Path, make_env: Any) -> VecNormalize | None:
+    path = params / "vecnormalize.pkl"
+    return VecNormalize.load(str(path), DummyVecEnv([make_env])) if path.is_file() else None

@@ -1,0 +1,141 @@
+"""rl_zoo3's ExperimentManager, with each task's return evaluated and an exact resume."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import rl_zoo3
+import yaml
+from rl_zoo3.exp_manager import ExperimentManager
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import EvalCallback
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.vec_env import VecEnv
+
+from sb3_bruno.eval_callback import TaskEvalCallback
+from sb3_bruno.resume import ResumeCallback, resume
+from sb3_bruno.zoo.mistake import Mistake
+from sb3_bruno.zoo.registry import config_file
+
+CHECKPOINT, COMMAND = "checkpoint.pkl", "sb3_bruno_command.json"
+ENCODER_ARGUMENTS = {"encoder_class", "encoder_kwargs", "critic_input"}
+
+
+class TaskExperiment(ExperimentManager):
+    """One training run of rl_zoo3 that can be resumed exactly.
+
+    Takes ExperimentManager's arguments. An environment that names its hidden task is evaluated on its test tasks in
+    turn, and its monitor files carry the task of each episode.
+
+    :cvar checkpoint_freq: env steps between checkpoints, 0 for none; ``train`` sets it
+    :cvar folder: where to go on; None starts a new run
+    :cvar has_started: whether an agent has begun to learn, so that what is raised is no mistake in the arguments
+    """
+
+    checkpoint_freq: ClassVar[int] = 25_000
+    folder: ClassVar[Path | None] = None
+    has_started: ClassVar[bool] = False
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        kwargs["config"] = config_file(args[1], kwargs.get("config"))
+        super().__init__(*args, **kwargs)
+        self._is_new = self.folder is None and not Path(self.save_path).exists()
+        if self.folder is not None:
+            self.save_path = str(self.folder)
+            self.params_path = f"{self.save_path}/{self.env_name}"
+
+    def read_hyperparameters(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """As rl_zoo3; what it raises over a config is the user's to mend."""
+        try:
+            read: tuple[dict[str, Any], dict[str, Any]] = super().read_hyperparameters()
+        except (ValueError, OSError, ImportError, yaml.YAMLError) as error:
+            raise Mistake(str(error)) from error
+        return read
+
+    def setup_experiment(self) -> tuple[BaseAlgorithm, dict[str, Any]] | None:
+        """As rl_zoo3; a run that is resumed gets the model of its checkpoint."""
+        try:
+            results = super().setup_experiment()
+        except (ValueError, TypeError, AssertionError) as error:
+            if self._is_new:
+                shutil.rmtree(self.save_path, ignore_errors=True)  # it holds no result
+            raise Mistake(str(error)) from error
+        if results is None:
+            return None
+        model, saved_hyperparams = results
+        command = [*sys.argv[1:], "--seed", str(self.seed)]  # the last one counts
+        (Path(self.save_path) / COMMAND).write_text(json.dumps(command) + "\n", encoding="utf-8")
+        if self.folder is not None:
+            assert model.env is not None  # for mypy
+            model = resume(self.folder / CHECKPOINT, model.env, self.device)
+            print(f"Going on at {model.num_timesteps:,} of {self.n_timesteps:,} env steps")
+            for callback in self.callbacks:
+                if isinstance(callback, TaskEvalCallback):
+                    callback.restore(model.num_timesteps)
+        return model, saved_hyperparams
+
+    def learn(self, model: BaseAlgorithm) -> None:
+        """As rl_zoo3; a run that is resumed learns for the env steps that are left."""
+        TaskExperiment.has_started = True
+        super().learn(model if self.folder is None else _GoingOn(model))  # type: ignore[arg-type]  # all it asks
+
+    def create_callbacks(self) -> None:
+        """As rl_zoo3, with TaskEvalCallback where it has EvalCallback and the environment names its task."""
+        super().create_callbacks()  # type: ignore[no-untyped-call]
+        stock = self.callbacks[-1] if self.callbacks else None
+        if isinstance(stock, EvalCallback) and self._names_its_task():
+            self.callbacks[-1] = TaskEvalCallback(
+                stock.eval_env,
+                callback_on_new_best=stock.callback,
+                best_model_save_path=self.save_path,
+                n_eval_episodes=self.n_eval_episodes,
+                log_path=self.save_path,
+                eval_freq=self.eval_freq,
+                deterministic=self.deterministic_eval,
+            )
+        if self.checkpoint_freq > 0 and issubclass(rl_zoo3.ALGOS[self.algo], OffPolicyAlgorithm):
+            self.callbacks.append(ResumeCallback(Path(self.save_path) / CHECKPOINT, self.checkpoint_freq))
+
+    def create_envs(self, n_envs: int, eval_env: bool = False, no_log: bool = False) -> VecEnv:
+        """As rl_zoo3; monitor files carry the task, and go on where a run is resumed."""
+        if self._names_its_task():
+            self.monitor_kwargs.setdefault("info_keywords", ("task_index", "task"))
+        if self.folder is not None:
+            self.monitor_kwargs["override_existing"] = False
+        if eval_env and self._eval_env_kwargs_args is None:
+            self.eval_env_kwargs = self._test_env_kwargs()
+        return super().create_envs(n_envs, eval_env, no_log)
+
+    def _test_env_kwargs(self) -> dict[str, Any]:
+        """The training environment's, config included; of our environments, with each test task in turn."""
+        is_ours = self.entry_point(self.env_name.gym_id).startswith("sb3_bruno_envs")
+        return {**self.env_kwargs, "split": "test", "draw": "cycle"} if is_ours else self.env_kwargs
+
+    def _names_its_task(self) -> bool:
+        env = gym.make(self.env_name.gym_id, **self.env_kwargs)
+        try:
+            return env.has_wrapper_attr("task_space")
+        finally:
+            env.close()
+
+    def _load_pretrained_agent(self, hyperparams: dict[str, Any], env: VecEnv) -> BaseAlgorithm:
+        """As rl_zoo3, which knows that a policy is not changed, and not that an encoder is not."""
+        kept = {key: value for key, value in hyperparams.items() if key not in ENCODER_ARGUMENTS}
+        model: BaseAlgorithm = super()._load_pretrained_agent(kept, env)
+        return model
+
+
+class _GoingOn:
+    """What ``ExperimentManager.learn`` asks of a model, for one that has learned a part already."""
+
+    def __init__(self, model: BaseAlgorithm) -> None:
+        self._model = model
+        self.env = model.env
+
+    def learn(self, total_timesteps: int, **kwargs: Any) -> None:
+        self._model.learn(max(total_timesteps - self._model.num_timesteps, 0), reset_num_timesteps=False, **kwargs)

@@ -1,0 +1,55 @@
+"""What rl_zoo3 is told of: our algorithms, our environments, our configs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import rl_zoo3
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+import sb3_bruno
+import sb3_bruno_envs  # noqa: F401  # registers the environments
+
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
+    "bruno_sac": sb3_bruno.BrunoSAC,
+    "bruno_tqc": sb3_bruno.BrunoTQC,
+    "bruno_crossq": sb3_bruno.BrunoCrossQ,
+    "bruno_td3": sb3_bruno.BrunoTD3,
+}
+
+
+def register() -> None:
+    """Add our algorithms to rl_zoo3's, in place, before it builds its parsers."""
+    rl_zoo3.ALGOS.update(ALGORITHMS)
+
+
+def configs_folder() -> Path:
+    """The folder of our configs: inside the installed package, or at the top of a clone."""
+    package = Path(sb3_bruno.__file__).parent
+    installed, clone = package / "zoo_configs", package.parent / "zoo_configs"
+    return installed if installed.is_dir() else clone
+
+
+def config_file(algo: str, conf: str | None = None) -> str | None:
+    """The config file of an algorithm.
+
+    :param algo: rl_zoo3's name of it
+    :param conf: None for our default, the name of a folder of ours ("oracle"), or what rl_zoo3 takes: a YAML or
+        Python file, or a Python package
+    :return: what rl_zoo3's ``-conf`` takes, or None for rl_zoo3's own config of the algorithm
+    :raises ValueError: if there is no such file
+    """
+    folder = configs_folder()
+    if conf is None:
+        ours = folder / f"{algo}.yml"
+        return str(ours) if ours.is_file() else None
+    if (folder / conf).is_dir():
+        ours = folder / conf / f"{algo}.yml"
+        if not ours.is_file():
+            there = ", ".join(sorted(one.stem for one in ours.parent.glob("*.yml")))
+            raise ValueError(f"-conf {conf} has no config of --algo {algo}: it has {there}")
+        return str(ours)
+    if conf.endswith((".yml", ".yaml", ".py")) and not Path(conf).is_file():
+        folders = ", ".join(sorted(one.name for one in folder.iterdir() if one.is_dir()))
+        raise ValueError(f"-conf {conf} is neither a file nor one of our folders ({folders})")
+    return conf
