@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
+import torch as th
 from torch import Tensor, nn
-from zuko.flows import MAF
-from zuko.lazy import Flow
-from zuko.transforms import MonotonicAffineTransform
+from zuko.distributions import DiagNormal
+from zuko.lazy import Flow, LazyTransform, UnconditionalDistribution
 
+from sb3_bruno.autoregression import AffineAutoregression
 from sb3_bruno.reflection import ConditionalReflection
 
 
@@ -24,20 +23,14 @@ class Latents(NamedTuple):
     log_det: Tensor
 
 
-def paper_maf(features: int, context: int, transforms: int = 6) -> MAF:
+def paper_maf(features: int, context: int, transforms: int = 6) -> Flow:
     """The paper's flow as near as zuko allows: six masked autoregressive layers of 128 hidden units.
 
     Each layer's log-scale is bounded to (-1, 1), by zuko's softsign where the paper uses tanh. There is no weight
     normalisation, and no start at the identity: torch's own start taught the belief faster (docs/method.md).
     Orders alternate between ascending and descending.
     """
-    univariate = partial(MonotonicAffineTransform, slope=math.exp(-1))
-    flow = MAF(features, context, transforms=transforms, hidden_features=(128,), univariate=univariate)
-    for module in flow.modules():  # orders and masks follow from the arguments: nothing to save or to load
-        for name, buffer in list(module.named_buffers(recurse=False)):
-            if not buffer.is_floating_point():
-                module.register_buffer(name, buffer, persistent=False)
-    return flow
+    return _flow(_layers(features, context, transforms), features)
 
 
 def reflected_maf(features: int, context: int, transforms: int = 4) -> Flow:
@@ -47,8 +40,23 @@ def reflected_maf(features: int, context: int, transforms: int = 4) -> Flow:
     """
     if features < 2:
         raise ValueError(f"`reflected_maf` needs at least 2 features, got {features}: set `extra_dims` to 1 or more.")
-    maf = paper_maf(features, context, transforms)
-    return Flow([*maf.transform.transforms, ConditionalReflection(features, context)], maf.base)
+    return _flow([*_layers(features, context, transforms), ConditionalReflection(features, context)], features)
+
+
+def _layers(features: int, context: int, transforms: int) -> list[LazyTransform]:
+    orders = (th.arange(features), th.arange(features).flip(0))
+    return [
+        AffineAutoregression(features, context, order=orders[i % 2], hidden_features=(128,)) for i in range(transforms)
+    ]
+
+
+def _flow(transforms: list[LazyTransform], features: int) -> Flow:
+    flow = Flow(transforms, UnconditionalDistribution(DiagNormal, th.zeros(features), th.ones(features), buffer=True))
+    for module in flow.modules():  # orders and masks follow from the arguments: nothing to save or to load
+        for name, buffer in list(module.named_buffers(recurse=False)):
+            if not buffer.is_floating_point():
+                module.register_buffer(name, buffer, persistent=False)
+    return flow
 
 
 FLOWS: dict[str, Callable[..., Flow]] = {"paper_maf": paper_maf, "reflected_maf": reflected_maf}

@@ -9,7 +9,7 @@ import yaml
 
 ROOT = Path(__file__).parents[1]
 FLOORS = [
-    {"exchangeable", "reflection", "standardize", "adaptation_result", "task_index"},
+    {"autoregression", "exchangeable", "reflection", "standardize", "adaptation_result", "task_index"},
     {"flow"},
     {"encoders.base"},
     {"encoders.bruno"},
@@ -31,6 +31,7 @@ FLOORS = [
 FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 KNOWS = {  # beyond the standard library, numpy and each other
     "exchangeable": {"torch"},
+    "autoregression": {"torch", "zuko"},
     "reflection": {"torch", "zuko"},
     "flow": {"torch", "zuko"},
     "standardize": {"torch"},

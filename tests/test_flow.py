@@ -1,10 +1,13 @@
 """The flow adapter: a bijection with the right log-determinant, for every zuko flow it may hold."""
 
 import io
+import math
+from functools import partial
 
 import pytest
 import torch as th
 import zuko
+from zuko.transforms import MonotonicAffineTransform
 
 from sb3_bruno.flow import ConditionalFlow, paper_maf
 from sb3_bruno.reflection import Reflection
@@ -89,6 +92,20 @@ def test_a_reflection_turns_the_sign_of_what_lies_along_its_mirror():
     y = th.tensor([[1.0, 2.0], [1.0, 2.0]])
     th.testing.assert_close(reflection(y), th.tensor([[-1.0, 2.0], [1.0, -2.0]]))
     th.testing.assert_close(reflection(reflection(y)), y)
+
+
+def test_the_layers_are_zukos():
+    """The same weights give the same numbers as zuko's own flow of this kind."""
+    ours = ConditionalFlow(5, 3).double()
+    univariate = partial(MonotonicAffineTransform, slope=math.exp(-1))
+    kwargs = {"transforms": 6, "hidden_features": (128,), "univariate": univariate}
+    zukos = ConditionalFlow(5, 3, zuko.flows.MAF, kwargs).double()
+    with th.no_grad():
+        for one, two in zip(ours.parameters(), zukos.parameters(), strict=True):
+            two.copy_(one)
+    y, x = th.randn(7, 5, dtype=th.float64), th.randn(7, 3, dtype=th.float64)
+    th.testing.assert_close(tuple(ours(y, x)), tuple(zukos(y, x)))
+    th.testing.assert_close(ours.inverse(y, x), zukos.inverse(y, x))
 
 
 def test_something_else_than_a_flow_is_refused():

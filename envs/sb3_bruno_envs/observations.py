@@ -41,6 +41,7 @@ class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorAr
         actions = _bounded_actions(env.action_space)
         self._action_low = actions.low.ravel()  # (action_dim,)
         self._action_high = actions.high.ravel()  # (action_dim,)
+        self._per_unit = 2.0 / (self._action_high - self._action_low)  # (action_dim,)
         self.observation_space = Dict(
             {
                 "action": Box(-1.0, 1.0, self._action_low.shape),
@@ -66,8 +67,8 @@ class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorAr
 
     def _scale(self, action: ArrayLike) -> ArrayLike:
         """``action`` clipped into its bounds and mapped linearly onto [-1, 1], flat, ``(action_dim,)``."""
-        clipped = np.clip(np.ravel(action), self._action_low, self._action_high)
-        scaled: ArrayLike = 2.0 * (clipped - self._action_low) / (self._action_high - self._action_low) - 1.0
+        clipped = np.minimum(np.maximum(np.ravel(action), self._action_low), self._action_high)
+        scaled: ArrayLike = self._per_unit * (clipped - self._action_low) - 1.0
         return scaled
 
 

@@ -1,0 +1,67 @@
+r"""zuko's masked autoregressive layer with an affine map, written out: the same numbers in half the time.
+
+.. math:: z_i = e^{a_i} y_i + b_i, \quad (a_i, b_i) = \text{network}(y_{<i}, x), \quad |a_i| < 1
+
+zuko builds such a layer of transformations that fit any univariate map. Written for this one, a layer takes less than
+half of zuko's time for ten rows, as in a rollout (``benchmarks/speed.py``).
+"""
+
+from __future__ import annotations
+
+import torch as th
+from torch import Tensor
+from torch.distributions import Transform, constraints
+from torch.nn.functional import softsign
+from zuko.flows.autoregressive import MaskedAutoregressiveTransform
+
+
+class AffineAutoregression(MaskedAutoregressiveTransform):  # type: ignore[misc]  # zuko is untyped
+    """Creates a masked autoregressive layer whose log-scales are bounded to (-1, 1).
+
+    :param features: dimension of y and z
+    :param context: dimension of x
+    :param kwargs: ``order`` and ``hidden_features``, as zuko's
+    """
+
+    def forward(self, c: Tensor) -> AffineLayer:
+        """c: the context x, shape (..., context)"""
+        return AffineLayer(self, c)
+
+    def shift_and_log_scale(self, y: Tensor, c: Tensor) -> tuple[Tensor, Tensor]:
+        """b and a, of which entry i depends on c and the entries of y before i. (..., features) each"""
+        shift, scale = self.hyper(th.cat([y, c], dim=-1)).unflatten(-1, (-1, 2)).unbind(-1)
+        return shift, softsign(scale)
+
+
+class AffineLayer(Transform):
+    """y -> z of one layer, given a context.
+
+    :param layer: knows shift and log-scale
+    :param c: the context x, shape (..., context)
+    """
+
+    domain = constraints.real_vector
+    codomain = constraints.real_vector
+    bijective = True
+
+    def __init__(self, layer: AffineAutoregression, c: Tensor) -> None:
+        super().__init__()
+        self.layer, self.c = layer, c
+
+    def call_and_ladj(self, y: Tensor) -> tuple[Tensor, Tensor]:
+        """z (..., features) and log |det dz/dy| (...)"""
+        shift, log_scale = self.layer.shift_and_log_scale(y, self.c)
+        return th.addcmul(shift, y, log_scale.exp()), log_scale.sum(dim=-1)
+
+    def _call(self, x: Tensor) -> Tensor:
+        return self.call_and_ladj(x)[0]
+
+    def _inverse(self, y: Tensor) -> Tensor:
+        x = th.zeros_like(y)
+        for _ in range(self.layer.passes):
+            shift, log_scale = self.layer.shift_and_log_scale(x, self.c)
+            x = (y - shift) * (-log_scale).exp()
+        return x
+
+    def log_abs_det_jacobian(self, x: Tensor, y: Tensor) -> Tensor:
+        return self.layer.shift_and_log_scale(x, self.c)[1].sum(dim=-1)
