@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import EvalCallback
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -56,15 +57,16 @@ class TaskEvalCallback(EvalCallback):
         self._episode_tasks: list[NDArray[np.float32]] = []  # of the evaluation that runs
         self._logged_tasks: set[str] = set()
 
-    def restore(self, num_timesteps: int) -> None:
-        """Go on with the learning curve in ``log_path``, up to ``num_timesteps``: for a run that is resumed."""
+    def restore(self, model: BaseAlgorithm) -> None:
+        """Go on with the learning curve in ``log_path``: a resumed run is evaluated when it would have been."""
+        self.n_calls = model.num_timesteps // model.n_envs
         assert self.log_path is not None, "without a log_path there is nothing to go on with"
         folder = Path(self.log_path).parent
         try:
             curve = load_learning_curve(folder)
         except ValueError:  # nothing had been evaluated yet
             return
-        known = int((curve.timesteps <= num_timesteps).sum())
+        known = int((curve.timesteps <= model.num_timesteps).sum())
         with np.load(folder / "evaluations.npz") as stored:
             lengths, successes = stored["ep_lengths"], stored.get("successes", ())
         self.evaluations_timesteps = curve.timesteps[:known].tolist()

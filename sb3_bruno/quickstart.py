@@ -1,7 +1,7 @@
 """The main job in one command: train BrunoSAC on Cheetah-Dir, test it in both directions, save what came out.
 
-    python -m sb3_bruno.quickstart            # 30,000 env steps
-    python -m sb3_bruno.quickstart --full     # 100,000, the run that docs/results.md asks for
+    python -m sb3_bruno.quickstart            # 40,000 env steps
+    python -m sb3_bruno.quickstart --full     # 100,000, the run of docs/results.md
 
 A run that was interrupted goes on from its checkpoint when the same command is given again.
 """
@@ -27,7 +27,7 @@ from sb3_bruno.resume import ResumeCallback, resume
 from sb3_bruno_envs import CHEETAH_DIR_TASKS
 
 ENV_ID = "sb3_bruno_envs:CheetahDir-v0"
-SHORT_STEPS, FULL_STEPS = 30_000, 100_000  # env steps
+SHORT_STEPS, FULL_STEPS = 40_000, 100_000  # env steps
 TEST_STEPS, TEST_EPISODES = 1_000, 10  # the paper's final test, per direction
 HYPERPARAMETERS: dict[str, Any] = {
     "learning_rate": 1e-3,
@@ -102,7 +102,7 @@ def train(steps: int, seed: int, folder: Path) -> OffPolicyAlgorithm:
     )
     if checkpoint.exists():
         model = resume(checkpoint, env)
-        evaluate.restore(model.num_timesteps)
+        evaluate.restore(model)
         print(f"Going on at {model.num_timesteps:,} env steps, from {checkpoint}")
     else:
         model = BrunoSAC("MlpPolicy", env, seed=seed, **HYPERPARAMETERS)

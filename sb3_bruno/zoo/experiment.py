@@ -76,7 +76,7 @@ class TaskExperiment(ExperimentManager):
             print(f"Going on at {model.num_timesteps:,} of {self.n_timesteps:,} env steps")
             for callback in self.callbacks:
                 if isinstance(callback, TaskEvalCallback):
-                    callback.restore(model.num_timesteps)
+                    callback.restore(model)
         return model, saved_hyperparams
 
     def learn(self, model: BaseAlgorithm) -> None:

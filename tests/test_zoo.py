@@ -1,0 +1,164 @@
+"""Our configs and our command line, as a user of RL Zoo meets them."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch as th
+import yaml
+from stable_baselines3.common.monitor import load_results
+
+from sb3_bruno import BrunoSAC
+from sb3_bruno.adaptation_result import AdaptationResult
+from sb3_bruno.eval_callback import load_learning_curve
+from sb3_bruno.zoo.cli import COMMANDS, main
+from sb3_bruno.zoo.experiment import TaskExperiment
+from sb3_bruno.zoo.registry import ALGORITHMS, config_file, configs_folder
+
+CONFIGS = sorted(configs_folder().rglob("*.yml"))
+TINY = [
+    "policy_kwargs:dict(net_arch=[8])",
+    "learning_starts:96",
+    "buffer_size:2000",
+    "batch_size:32",
+    "gradient_steps:1",
+]
+TINY_ENCODER = ["encoder_learning_starts:48", "encoder_batch_size:2"]
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Runs the console script in an empty folder; what it prints, and the line on which it gives up."""
+
+    def call(*arguments):
+        monkeypatch.setattr(TaskExperiment, "has_started", False)
+        try:
+            main(list(map(str, arguments)))
+        except SystemExit as end:
+            return capsys.readouterr().out, str(end.code)
+        return capsys.readouterr().out, ""
+
+    monkeypatch.chdir(tmp_path)
+    return call
+
+
+def tiny(*arguments, algo="bruno_sac", env="PointDir-v0", steps=480):
+    """Arguments of a training run of a second."""
+    parameters = TINY + (TINY_ENCODER if algo in ALGORITHMS else [])
+    flags = ["--algo", algo, "--env", env, "-n", steps, "--seed", 1, "--eval-freq", 240, "--eval-episodes", 2]
+    return ["train", *flags, *arguments, "-params", *parameters]
+
+
+def of_config(path):
+    """(-conf, algorithm, environment) of every entry of a config file."""
+    folder = None if path.parent == configs_folder() else path.parent.name
+    return [(folder, path.stem, env) for env in yaml.safe_load(path.read_text())]
+
+
+@pytest.mark.parametrize(("conf", "algo", "env"), [one for path in CONFIGS for one in of_config(path)])
+def test_every_config_runs(run, tmp_path, conf, algo, env):
+    arguments = ["--algo", algo, "--env", env, "-n", 400, "--eval-freq", -1, "--seed", 1]
+    if conf is not None:
+        arguments += ["-conf", conf]
+    if algo != "ppo_lstm":
+        arguments += ["-params", "learning_starts:200", "gradient_steps:2", "buffer_size:2000", "train_freq:10"]
+    assert run("train", *arguments)[1] == ""
+    folder = tmp_path / "logs" / algo / f"{env}_1"
+    assert (folder / f"{env}.zip").is_file()
+    saved = yaml.unsafe_load((folder / env / "config.yml").read_text())
+    given = yaml.safe_load(Path(config_file(algo, conf)).read_text())[env]
+    assert set(given) <= set(saved)
+
+
+def test_siblings_and_oracle_have_the_numbers_of_bruno_sac():
+    ours = yaml.safe_load((configs_folder() / "bruno_sac.yml").read_text())
+    for path in (*(configs_folder() / f"{name}.yml" for name in ALGORITHMS), *configs_folder().glob("*/sac.yml")):
+        for env, config in yaml.safe_load(path.read_text()).items():
+            for key in (config.keys() & ours[env].keys()) - {"policy_kwargs"}:
+                assert config[key] == ours[env][key], f"{path.name} {env} {key}"
+
+
+def test_train_evaluate_enjoy_record_and_plot(run, tmp_path):
+    assert run(*tiny())[1] == ""
+    folder = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1"
+    assert load_learning_curve(folder).timesteps.tolist() == [240, 480]
+    assert {"task_index", "task"} <= set(load_results(str(folder)).columns)
+    printed, _ = run("evaluate", "--env", "PointDir-v0", "--episodes", 2)
+    assert "steps to 90 %" in printed
+    assert AdaptationResult.load(folder / "adaptation.json").rewards.shape == (2, 2, 30)
+    assert "Mean reward" in run("enjoy", "--env", "PointDir-v0", "--no-render", "-n", 60)[0]
+    assert run("record-video", "--env", "PointDir-v0", "-n", 10)[1] == ""
+    assert list((folder / "videos").glob("*.mp4"))
+    assert run(*tiny("-conf", "oracle", algo="sac"))[1] == ""
+    assert run("plot", "-a", "bruno_sac", "sac", "-e", "PointDir-v0")[1] == ""
+    assert (tmp_path / "curves.png").stat().st_size > 10_000
+
+
+def test_an_agent_is_trained_on(run, tmp_path):
+    run(*tiny("--save-replay-buffer"))
+    first = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip"
+    assert run(*tiny("-i", first))[1] == ""
+    assert BrunoSAC.load(first.parents[1] / "PointDir-v0_2" / "PointDir-v0.zip").num_timesteps == 480
+
+
+def test_a_killed_run_is_resumed_exactly(run, tmp_path):
+    arguments = list(map(str, tiny("--checkpoint-freq", 160, steps=2_000)))
+    run(*arguments)
+    whole, parts = (tmp_path / "logs" / "bruno_sac" / f"PointDir-v0_{i}" for i in (1, 2))
+    command = [sys.executable, "-c", "from sb3_bruno.zoo import main; main()", *arguments]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
+    deadline = time.monotonic() + 120
+    while not (parts / "checkpoint.pkl").is_file() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    printed, mistake = run("train", "--resume", parts)
+    assert mistake == "" and "of 2,000 env steps" in printed
+    one, two = (BrunoSAC.load(folder / "PointDir-v0.zip") for folder in (whole, parts))
+    for name, value in one.policy.state_dict().items():
+        assert th.equal(value, two.policy.state_dict()[name]), name
+    np.testing.assert_array_equal(load_learning_curve(whole).timesteps, load_learning_curve(parts).timesteps)
+    returns = [np.sort(load_results(str(folder)).r) for folder in (whole, parts)]
+    np.testing.assert_array_equal(*returns)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["train", "--env", "Pointdir-v0"], "maybe meant PointDir-v0"),
+        (["train", "--env", "PointDir-v0", "-n", "9", "-params", "learning_rat:1"], "'learning_rat'"),
+        (["train", "-params", "gamma=1"], "invalid syntax"),
+        (
+            ["train", "-conf", "none.yml"],
+            "-conf none.yml is neither a file nor one of our folders (markov, oracle, paper)",
+        ),
+        (["train", "-conf", "oracle"], "-conf oracle has no config of --algo bruno_sac: it has sac"),
+        (["train", "--resume", "none"], "--resume none: no checkpoint.pkl there"),
+        (["train", "--algo", "tqc", "--env", "PointDir-v0"], "You must use `MultiInputPolicy`"),
+        (["evaluate", "-f", "none"], "none/bruno_sac folder was not found"),
+        (["enjoy", "-f", "none"], "none/bruno_sac folder was not found"),
+        (["record-video", "-f", "none"], "none/bruno_sac folder was not found"),
+        (["plot", "-f", "none"], "no evaluated run of CheetahDir-v0"),
+        (["trian"], "unknown command 'trian'"),
+    ],
+    ids=" ".join,
+)
+def test_a_mistake_is_one_line_and_leaves_no_folder(run, tmp_path, arguments, line):
+    _, mistake = run(*arguments)
+    assert line in mistake and "\n" not in mistake
+    assert not list(tmp_path.rglob("*.monitor.csv"))
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(run, command):
+    printed, _ = run(command, "--help")
+    assert f"example: sb3-bruno {command}" in printed and "--env" in printed
+
+
+def test_help_names_every_command(run):
+    printed, mistake = run("--help")
+    assert mistake == "0" and all(f"  {command} " in printed for command in COMMANDS)
