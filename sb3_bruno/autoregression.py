@@ -48,13 +48,14 @@ class AffineLayer(Transform):
         super().__init__()
         self.layer, self.c = layer, c
 
-    def call_and_ladj(self, y: Tensor) -> tuple[Tensor, Tensor]:
-        """z (..., features) and log |det dz/dy| (...)"""
-        shift, log_scale = self.layer.shift_and_log_scale(y, self.c)
-        return th.addcmul(shift, y, log_scale.exp()), log_scale.sum(dim=-1)
+    def call_and_ladj(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """y -> z (..., features) and log |det dz/dy| (...)"""
+        shift, log_scale = self.layer.shift_and_log_scale(x, self.c)
+        return th.addcmul(shift, x, log_scale.exp()), log_scale.sum(dim=-1)
 
     def _call(self, x: Tensor) -> Tensor:
-        return self.call_and_ladj(x)[0]
+        shift, log_scale = self.layer.shift_and_log_scale(x, self.c)
+        return th.addcmul(shift, x, log_scale.exp())
 
     def _inverse(self, y: Tensor) -> Tensor:
         x = th.zeros_like(y)

@@ -95,6 +95,11 @@ class ConditionalFlow(nn.Module):
         """y: (..., features), x: (..., context)"""
         return Latents(*self.transform(x).call_and_ladj(y))
 
+    def latents(self, y: Tensor, x: Tensor) -> Tensor:
+        """z alone, for a belief."""
+        z: Tensor = self.transform(x)(y)
+        return z
+
     def inverse(self, z: Tensor, x: Tensor) -> Tensor:
         """z: (..., features), x: (..., context) -> y: (..., features)"""
         y: Tensor = self.transform(x).inv(z)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
+from stable_baselines3.common.utils import is_vectorized_observation
 
 from sb3_bruno.encoders import BrunoEncoder, TaskEncoder, Transitions
 from sb3_bruno.extended_obs import CriticInput, ExtendedObs, SliceExtractor
@@ -136,11 +137,14 @@ class TaskInferencePolicy(BasePolicy):
 
         :return: the extended observation, shape (n_envs, dim) or (dim,) as ``observation`` was, and the next state
         """
-        arrival, vectorized = self.obs_to_tensor(observation)
-        assert isinstance(arrival, dict)  # for mypy
-        here = arrival["observation"].float().flatten(start_dim=1)
-        n_envs, device = len(here), here.device
-        began = arrival["episode_start"].reshape(n_envs) > 0  # also where VecNormalize has centred the key
+        vectorized = is_vectorized_observation(observation["observation"], self.observation_space["observation"])
+        n_envs = len(observation["observation"]) if vectorized else 1
+        device = self.device
+        here, action, reward = (
+            th.as_tensor(observation[key], dtype=th.float32, device=device).reshape(n_envs, -1)
+            for key in ("observation", "action", "reward")
+        )
+        began = np.asarray(observation["episode_start"]).reshape(n_envs) > 0  # also if VecNormalize has centred it
         if state is None:
             if not began.all():
                 warnings.warn(
@@ -149,20 +153,25 @@ class TaskInferencePolicy(BasePolicy):
                     stacklevel=4,
                 )
             statistics = self.encoder.empty((n_envs,))
-            began = th.ones_like(began)
+            began = np.ones_like(began)
             before = here
         else:
             *carried, before = (th.as_tensor(one, device=device) for one in state)
             statistics = tuple(carried)
         if episode_start is not None:
-            fresh = th.as_tensor(np.asarray(episode_start, dtype=bool).reshape(n_envs), device=device)
+            fresh = np.asarray(episode_start, dtype=bool).reshape(n_envs)
             statistics = _where(fresh, self.encoder.empty((n_envs,)), statistics)
             began = began | fresh
-        transitions = Transitions(before, arrival["action"].float(), arrival["reward"].float(), here)
+        transitions = Transitions(before, action, reward, here)
         statistics = _where(began, statistics, self.encoder.absorb(statistics, transitions))
         extended = self.layout.join(here, self.encoder.belief(statistics)).cpu().numpy()
-        next_state = tuple(one.cpu().numpy() for one in (*statistics, here))
+        next_state = tuple(one.cpu().numpy() for one in (*statistics, here.clone()))  # an env may reuse its array
         return (extended if vectorized else extended[0]), next_state
+
+    def set_training_mode(self, mode: bool) -> None:
+        """As SB3; where nothing changes nothing is done, for SB3 asks twice in every step of a rollout."""
+        if mode != self.training:
+            super().set_training_mode(mode)
 
     def obs_to_tensor(self, observation: Observation) -> tuple[PyTorchObs, bool]:
         """Also of an extended observation, shape (n_envs, dim) or (dim,).
@@ -180,6 +189,9 @@ class TaskInferencePolicy(BasePolicy):
         return th.as_tensor(array, device=self.device).reshape(-1, self.layout.dim), array.ndim > 1
 
 
-def _where(mask: th.Tensor, yes: tuple[th.Tensor, ...], no: tuple[th.Tensor, ...]) -> tuple[th.Tensor, ...]:
+def _where(mask: NDArray[np.bool_], yes: tuple[th.Tensor, ...], no: tuple[th.Tensor, ...]) -> tuple[th.Tensor, ...]:
     """Choose statistics per env. mask: (n_envs,)"""
-    return tuple(th.where(mask[:, None], a, b) for a, b in zip(yes, no, strict=True))
+    if not mask.any():
+        return no
+    column = th.as_tensor(mask, device=no[0].device)[:, None]
+    return tuple(th.where(column, a, b) for a, b in zip(yes, no, strict=True))

@@ -46,7 +46,7 @@ def test_belief_does_not_depend_on_the_order(modelled):
 def test_belief_is_the_conditional_of_a_dense_gaussian_over_theta_and_latents():
     encoder, transitions = encoder_of(), transitions_of(12)
     noise = encoder.draw_noise((12,))
-    z = encoder.latents(transitions, noise).z
+    z = encoder.latents(transitions, noise)
     posterior = encoder.posterior(last(encoder.prefixes(transitions, noise)))
     for d in range(encoder.latent_dim):
         var, cov = encoder.process.var[d].item(), encoder.process.cov[d].item()
@@ -121,7 +121,7 @@ def test_bound_without_noise_is_eq_4_by_a_dense_gaussian(monkeypatch):
     encoder, transitions = encoder_of(extra_dims=0), transitions_of(2, 8)
     monkeypatch.setattr(th, "randint", lambda *args: th.tensor(3))
     bound = encoder.bound(transitions).item()
-    z, log_det = encoder.latents(transitions, encoder.draw_noise((2, 8)))
+    z, log_det = encoder.latents_and_log_det(transitions, encoder.draw_noise((2, 8)))
     var, cov = encoder.process.var.item(), encoder.process.cov.item()
     gain = np.linalg.solve(np.full((3, 3), cov) + (var - cov) * np.eye(3), np.full(3, cov))
     means, spread = z[:, :3, 0].detach().numpy() @ gain, math.sqrt(var - gain @ np.full(3, cov))
@@ -152,11 +152,11 @@ def test_standardising_changes_the_map_and_not_what_the_bound_measures():
     one, noise = Transitions(*(part[0] for part in transitions)), encoder.draw_noise(())
 
     def whole(y):
-        return encoder.latents(one._replace(rewards=y[:1], next_observations=y[1:]), noise).z
+        return encoder.latents(one._replace(rewards=y[:1], next_observations=y[1:]), noise)
 
     jacobian = th.autograd.functional.jacobian(whole, encoder._y(one))
     assert jacobian.shape == (4, 4)
-    log_det = encoder.latents(one, noise).log_det
+    log_det = encoder.latents_and_log_det(one, noise).log_det
     th.testing.assert_close(log_det, jacobian.slogdet().logabsdet, rtol=1e-6, atol=1e-8)
 
 
@@ -232,7 +232,7 @@ def test_outcomes_have_the_density_of_the_predictive(modelled):
         assert (outcomes.next_observations is None) == (modelled == "rewards")
         there = observation.expand(20_000, 3) if outcomes.next_observations is None else outcomes.next_observations
         drawn = Transitions(observation.expand(20_000, 3), action.expand(20_000, 2), outcomes.rewards, there)
-        z = encoder.latents(drawn, encoder.draw_noise((20_000,))).z
+        z = encoder.latents(drawn, encoder.draw_noise((20_000,)))
         predictive = encoder.process.predictive(encoder.process.empty()._make(statistics))
     np.testing.assert_allclose(z.mean(dim=0), predictive.mean, atol=0.05)
     np.testing.assert_allclose(z.var(dim=0), predictive.variance, rtol=0.05)
@@ -243,7 +243,7 @@ def test_outcomes_have_the_density_of_the_predictive(modelled):
 
 def test_dense_joint_of_a_whole_history_agrees_with_the_evidence():
     encoder, transitions = encoder_of(extra_dims=0), transitions_of(6)
-    z, log_det = encoder.latents(transitions, encoder.draw_noise((6,)))
+    z, log_det = encoder.latents_and_log_det(transitions, encoder.draw_noise((6,)))
     var, cov = encoder.process.var.item(), encoder.process.cov.item()
     dense = MultivariateNormal(
         th.zeros(6, dtype=th.float64), th.full((6, 6), cov) + (var - cov) * th.eye(6, dtype=th.float64)

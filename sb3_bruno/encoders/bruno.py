@@ -85,16 +85,24 @@ class BrunoEncoder(TaskEncoder):
         self.flow = ConditionalFlow(self.latent_dim, context_dim, flow_class, flow_kwargs)
         self.process = ExchangeableGaussian(self.latent_dim)
 
-    def latents(self, transitions: Transitions, noise: Tensor | None = None) -> Latents:
-        """z = flow(y | x) of each transition, x and y standardised, the log-determinant that of the whole map.
+    def latents(self, transitions: Transitions, noise: Tensor | None = None) -> Tensor:
+        """z = flow(y | x) of each transition, x and y standardised.
 
-        Transitions (..., dim) and noise (..., noise_dim) -> (..., latent_dim), (...)
+        Transitions (..., dim) and noise (..., noise_dim) -> (..., latent_dim)
         """
+        return self.flow.latents(*self._flow_input(transitions, noise))
+
+    def latents_and_log_det(self, transitions: Transitions, noise: Tensor | None = None) -> Latents:
+        """The same, with the log-determinant of the whole map, shape (...)."""
+        z, log_det = self.flow(*self._flow_input(transitions, noise))
+        return Latents(z, log_det - self.standardize_y.std.log().sum())
+
+    def _flow_input(self, transitions: Transitions, noise: Tensor | None) -> tuple[Tensor, Tensor]:
+        """y with its noise, and x."""
         if noise is None:
             noise = transitions.rewards.new_zeros(*transitions.rewards.shape[:-1], self.noise_dim)
         y = self.standardize_y(self._y(transitions))
-        z, log_det = self.flow(th.cat([y, noise], dim=-1), self.standardize_x(self._x(transitions)))
-        return Latents(z, log_det - self.standardize_y.std.log().sum())
+        return th.cat([y, noise], dim=-1), self.standardize_x(self._x(transitions))
 
     def _x(self, transitions: Transitions) -> Tensor:
         """What the flow is conditioned on: (s, a) or (s, a, s')."""
@@ -110,11 +118,11 @@ class BrunoEncoder(TaskEncoder):
         return self.process.empty(batch_shape)
 
     def absorb(self, statistics: Statistics, transitions: Transitions, noise: Tensor | None = None) -> Statistics:
-        one_more = self.process.observe(self.latents(transitions, noise).z)
+        one_more = self.process.observe(self.latents(transitions, noise))
         return LatentStatistics(*statistics).merge(one_more)
 
     def prefixes(self, transitions: Transitions, noise: Tensor | None = None) -> Statistics:
-        return self.process.prefixes(self.latents(transitions, noise).z)
+        return self.process.prefixes(self.latents(transitions, noise))
 
     def posterior(self, statistics: Statistics) -> Normal:
         return self.process.posterior(LatentStatistics(*statistics))
@@ -135,7 +143,7 @@ class BrunoEncoder(TaskEncoder):
             self.standardize_x.update(self._x(transitions))
             self.standardize_y.update(self._y(transitions))
         time = transitions.rewards.shape[-2]
-        z, log_det = self.latents(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
+        z, log_det = self.latents_and_log_det(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
         k = int(th.randint(max(time // 4, 1), max(3 * time // 4, 2), ()))
         predictive = self.process.predictive(self.process.statistics(z[..., :k, :]))
         log_z = Normal(predictive.mean.unsqueeze(-2), predictive.stddev.unsqueeze(-2), False).log_prob(z)
