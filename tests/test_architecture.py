@@ -24,7 +24,9 @@ FLOORS = [
     {"plotting"},
     {"quickstart", "report"},
     {"zoo.mistake", "zoo.registry"},
-    {"zoo.evaluate", "zoo.experiment"},
+    {"zoo.evaluate", "zoo.experiment", "zoo.sampler"},
+    {"zoo.sweep"},
+    {"zoo.sweep_commands"},
     {"zoo.cli"},
     {"zoo"},
 ]

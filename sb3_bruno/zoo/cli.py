@@ -16,6 +16,7 @@ from sb3_bruno.zoo.evaluate import evaluate, plot
 from sb3_bruno.zoo.experiment import CHECKPOINT, COMMAND, TaskExperiment
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.registry import register
+from sb3_bruno.zoo.sweep_commands import sweep
 
 DEFAULTS = {"--algo": "bruno_sac", "--env": "CheetahDir-v0"}
 Arguments = list[str]
@@ -78,6 +79,7 @@ COMMANDS: dict[str, Callable[[Arguments], None]] = {
     "train": train,
     "enjoy": enjoy,
     "record-video": record_video,
+    "sweep": sweep,
     "evaluate": evaluate,
     "plot": plot,
 }

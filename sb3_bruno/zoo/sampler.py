@@ -1,0 +1,78 @@
+"""The search space of our algorithms, in the form in which rl_zoo3 keeps those of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import optuna
+from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
+
+from sb3_bruno.zoo.registry import ALGORITHMS
+
+NETS = {"small": [64, 64], "medium": [128, 128], "big": [256, 256]}
+
+
+def sample_bruno(trial: optuna.Trial, n_actions: int, n_envs: int, additional_args: dict[str, Any]) -> dict[str, Any]:
+    """Draw hyperparameters of encoder, actor-critic and schedule.
+
+    :param trial: the Optuna trial
+    :param n_actions: unused, as rl_zoo3 passes it
+    :param n_envs: number of environments: gradient steps are drawn per environment step
+    :param additional_args: unused, as rl_zoo3 passes it
+    :return: constructor arguments, plain values only
+    """
+    drawn = {
+        "learning_rate": trial.suggest_float("learning_rate", 2e-4, 3e-3, log=True),
+        "one_minus_gamma": trial.suggest_float("one_minus_gamma", 5e-3, 0.2, log=True),
+        "batch_size_pow": trial.suggest_int("batch_size_pow", 6, 9),
+        "net": trial.suggest_categorical("net", list(NETS)),
+        "updates_per_step_pow": trial.suggest_int("updates_per_step_pow", -3, 0),
+        "n_envs": n_envs,
+        "context": trial.suggest_categorical("context", ["iid", "episode"]),
+        "sequence_length_pow": trial.suggest_int("sequence_length_pow", 5, 7),
+        "flow_class": trial.suggest_categorical("flow_class", ["paper_maf", "reflected_maf"]),
+        "extra_dims": trial.suggest_int("extra_dims", 1, 4),
+        "condition_on_next": trial.suggest_categorical("condition_on_next", [False, True]),
+        "encoder_learning_rate": trial.suggest_float("encoder_learning_rate", 3e-4, 5e-3, log=True),
+        "encoder_update_ratio_pow": trial.suggest_int("encoder_update_ratio_pow", -3, 1),
+    }
+    return convert_bruno(drawn)
+
+
+def convert_bruno(sampled_params: dict[str, Any]) -> dict[str, Any]:
+    """The constructor arguments that drawn values stand for.
+
+    ``n_envs`` is no hyperparameter of the search: without it, as in ``trial.params``, gradient steps are left out.
+    """
+    drawn = sampled_params
+    arguments: dict[str, Any] = {
+        "learning_rate": drawn["learning_rate"],
+        "gamma": 1 - drawn["one_minus_gamma"],
+        "batch_size": 2 ** drawn["batch_size_pow"],
+        "policy_kwargs": {"net_arch": NETS[drawn["net"]]},
+        "replay_buffer_kwargs": {
+            "context": drawn["context"],
+            "sequence_length": 2 ** drawn["sequence_length_pow"],
+        },
+        "encoder_kwargs": {key: drawn[key] for key in ("flow_class", "extra_dims", "condition_on_next")},
+        "encoder_learning_rate": drawn["encoder_learning_rate"],
+        "encoder_update_ratio": 2.0 ** drawn["encoder_update_ratio_pow"],
+    }
+    if "n_envs" in drawn:
+        arguments["gradient_steps"] = max(round(drawn["n_envs"] * 2.0 ** drawn["updates_per_step_pow"]), 1)
+    return arguments
+
+
+def register_samplers() -> None:
+    """Tell rl_zoo3 of our search space, in place."""
+    HYPERPARAMS_SAMPLER.update(dict.fromkeys(ALGORITHMS, sample_bruno))
+    HYPERPARAMS_CONVERTER.update(dict.fromkeys(ALGORITHMS, convert_bruno))
+
+
+def merged(base: dict[str, Any], drawn: dict[str, Any]) -> dict[str, Any]:
+    """Hyperparameters with drawn ones over them; dicts within are merged, not replaced."""
+    both = {**base, **drawn}
+    for key in base.keys() & drawn.keys():
+        if isinstance(base[key], dict) and isinstance(drawn[key], dict):
+            both[key] = {**base[key], **drawn[key]}
+    return both

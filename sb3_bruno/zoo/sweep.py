@@ -1,0 +1,213 @@
+"""Hyperparameter sweeps by any number of workers, any of which may be killed at any moment.
+
+A study lives in a journal file on one machine, or in PostgreSQL beyond it. Each trial is an ordinary training run; its
+value is the return on training tasks that it was not trained on. Test tasks are never looked at.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import os
+import platform
+import warnings
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import optuna
+import psutil
+import rl_zoo3
+from optuna.exceptions import ExperimentalWarning
+from optuna.storages import JournalStorage, RDBStorage, RetryHeartbeatStaleTrialCallback
+from optuna.storages.journal import JournalFileBackend
+from optuna.trial import TrialState
+from rl_zoo3.callbacks import TrialEvalCallback
+from rl_zoo3.hyperparams_opt import HYPERPARAMS_SAMPLER
+from stable_baselines3.common.vec_env import VecEnv
+
+from sb3_bruno.zoo.experiment import TaskExperiment
+from sb3_bruno.zoo.mistake import Mistake
+from sb3_bruno.zoo.sampler import merged
+
+OWNER = "worker"  # user attribute of a trial: {"host": ..., "pid": ..., "started": seconds since the epoch}
+SETTINGS = "settings"  # user attribute of a study: what every trial is made of
+RETRIES = 3
+FRESH = 10_000  # added to the seed of the environments that a trial is judged on
+
+
+def open_storage(storage: str, heartbeat: int = 60) -> JournalStorage | RDBStorage:
+    """A journal file (``.log``) or a database.
+
+    :param heartbeat: seconds between the heartbeats of a database's workers; after twice as many without one a trial is
+        failed and queued again
+    :raises Mistake: if it is neither, or SQLite, which two workers break
+    """
+    if storage.endswith(".log"):
+        Path(storage).parent.mkdir(parents=True, exist_ok=True)
+        return JournalStorage(JournalFileBackend(storage))
+    if storage.startswith("postgresql"):
+        with warnings.catch_warnings(category=ExperimentalWarning, action="ignore"):
+            return RDBStorage(
+                storage,
+                heartbeat_interval=heartbeat,
+                grace_period=2 * heartbeat,
+                heartbeat_stale_trial_callback=RetryHeartbeatStaleTrialCallback(max_retry=RETRIES),
+            )
+    raise Mistake(f"--storage {storage}: give a journal file (sweep.log) or a database (postgresql://...)")
+
+
+def load_study(storage: str, name: str, seed: int | None = None) -> optuna.Study:
+    """The study that ``sweep init`` made.
+
+    :param seed: of the sampler of this worker
+    :raises Mistake: if there is none
+    """
+    try:
+        study = optuna.load_study(study_name=name, storage=open_storage(storage))
+    except KeyError as error:
+        raise Mistake(f"no study {name} in {storage}: make it with sb3-bruno sweep init") from error
+    settings = study.user_attrs[SETTINGS]
+    study.sampler = optuna.samplers.TPESampler(n_startup_trials=settings["n_startup_trials"], seed=seed)
+    study.pruner = optuna.pruners.MedianPruner(
+        n_startup_trials=settings["n_startup_trials"], n_warmup_steps=settings["n_evaluations"] // 3
+    )
+    return study
+
+
+class SweepExperiment(TaskExperiment):
+    """The training run of each trial.
+
+    :param settings: the study's, as ``sweep init`` stored them
+    """
+
+    def __init__(self, settings: dict[str, Any]) -> None:
+        self._config = settings["config"]
+        super().__init__(
+            argparse.Namespace(),
+            settings["algo"],
+            settings["env"],
+            "logs",
+            n_timesteps=settings["n_timesteps"],
+            optimize_hyperparameters=True,
+            n_evaluations=settings["n_evaluations"],
+            seed=settings["seed"],
+            verbose=0,
+            device="cpu",
+        )
+        self.setup_experiment()
+        self._judged_on = self._hold_out()
+
+    def read_hyperparameters(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Those that the study keeps: a worker on another machine has other files."""
+        return copy.deepcopy(self._config), self._config
+
+    def create_log_folder(self) -> None:
+        """A trial leaves no folder."""
+
+    def create_envs(self, n_envs: int, eval_env: bool = False, no_log: bool = False) -> VecEnv:
+        """As rl_zoo3, without monitor files; a trial is judged on held-out tasks and fresh seeds."""
+        if not eval_env:
+            return super().create_envs(n_envs, no_log=True)
+        training, self.env_kwargs = self.env_kwargs, self._judged_on
+        self.eval_env_kwargs, self.seed = self._judged_on, self.seed + FRESH
+        try:
+            return super(TaskExperiment, self).create_envs(n_envs, eval_env=True, no_log=True)
+        finally:
+            self.env_kwargs, self.seed = training, self.seed - FRESH
+
+    def check(self) -> None:
+        """Make a model once, so that a mistake shows before any worker starts."""
+        env = self.create_envs(1)
+        try:
+            rl_zoo3.ALGOS[self.algo](env=env, device="cpu", **self._hyperparams)
+        except (ValueError, TypeError, AssertionError) as error:
+            raise Mistake(str(error)) from error
+        finally:
+            env.close()
+
+    def objective(self, trial: optuna.Trial) -> float:
+        """Train with drawn hyperparameters; the mean return of the last evaluation.
+
+        What a trial raises is the trial's error: it fails, and is not pruned.
+        """
+        trial.set_user_attr(OWNER, this_process())
+        drawn = HYPERPARAMS_SAMPLER[self.algo](trial, self.n_actions, self.n_envs, {})
+        env, eval_env = self.create_envs(self.n_envs), self.create_envs(1, eval_env=True)
+        try:
+            hyperparams = merged(self._hyperparams, drawn)
+            model = rl_zoo3.ALGOS[self.algo](env=env, seed=self.seed + trial.number, device="cpu", **hyperparams)
+            evaluate = TrialEvalCallback(
+                eval_env,
+                trial,
+                n_eval_episodes=self.n_eval_episodes,
+                eval_freq=max(self.n_timesteps // self.n_evaluations // self.n_envs, 1),
+            )
+            model.learn(self.n_timesteps, evaluate)
+        finally:
+            env.close()
+            eval_env.close()
+        if evaluate.is_pruned:
+            raise optuna.TrialPruned
+        return float(evaluate.last_mean_reward)
+
+    def _hold_out(self) -> dict[str, Any]:
+        """Keep the last fifth of ten or more training tasks for judging; fewer serve both, with fresh seeds."""
+        env = gym.make(self.env_name.gym_id, **self.env_kwargs)
+        tasks = env.get_wrapper_attr("task_distribution") if env.has_wrapper_attr("task_distribution") else None
+        env.close()
+        list_tasks = getattr(tasks, "tasks", None)  # endless tasks have no list
+        train = np.zeros((0, 0)) if list_tasks is None else list_tasks("train")
+        if len(train) < 10:
+            self.n_eval_episodes = 10 if len(train) == 0 else len(train) * -(-10 // len(train))
+            return {**self.env_kwargs, "draw": "cycle"} if len(train) else self.env_kwargs
+        n_held_out = len(train) // 5
+        self.n_eval_episodes = n_held_out
+        held_out = {**self.env_kwargs, "tasks": train[-n_held_out:], "draw": "cycle"}
+        self.env_kwargs = {**self.env_kwargs, "tasks": train[:-n_held_out]}
+        return held_out
+
+
+def this_process() -> dict[str, Any]:
+    """What tells this process from every other, also from a later one with its number."""
+    return {"host": platform.node(), "pid": os.getpid(), "started": psutil.Process().create_time()}
+
+
+def is_gone(owner: dict[str, Any]) -> bool:
+    """Whether a worker of this machine has ended; of another machine nothing is known."""
+    if owner["host"] != platform.node():
+        return False
+    try:
+        return bool(abs(psutil.Process(owner["pid"]).create_time() - owner["started"]) > 1)
+    except psutil.NoSuchProcess:
+        return True
+
+
+def has_not_begun(trial: optuna.trial.FrozenTrial, patience: float = 60.0) -> bool:
+    """Whether a trial's worker died before it put its name to it: that takes milliseconds."""
+    assert trial.datetime_start is not None  # it runs
+    return (datetime.now() - trial.datetime_start).total_seconds() > patience
+
+
+def requeue_lost_trials(study: optuna.Study) -> list[int]:
+    """Fail the trials of a journal whose worker is gone, and queue them again. A database's heartbeat does so itself.
+
+    :return: the numbers of the trials that this call failed
+    """
+    if not isinstance(study._storage, JournalStorage):
+        return []
+    lost = []
+    for trial in study.get_trials(states=[TrialState.RUNNING]):
+        owner = trial.user_attrs.pop(OWNER, None)
+        if not (has_not_begun(trial) if owner is None else is_gone(owner)):
+            continue
+        try:
+            study.tell(trial.number, state=TrialState.FAIL)
+        except (optuna.exceptions.UpdateFinishedTrialError, ValueError):  # another worker was faster
+            continue
+        with warnings.catch_warnings(category=ExperimentalWarning, action="ignore"):
+            RetryHeartbeatStaleTrialCallback(max_retry=RETRIES)(study, trial)
+        lost.append(trial.number)
+    return lost

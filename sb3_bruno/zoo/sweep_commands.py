@@ -1,0 +1,160 @@
+"""``sb3-bruno sweep init | run | status | best``."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import optuna
+import rl_zoo3
+import torch as th
+import yaml
+from optuna.trial import TrialState
+from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
+from rl_zoo3.utils import StoreDict
+
+from sb3_bruno.zoo.mistake import Mistake
+from sb3_bruno.zoo.registry import config_file
+from sb3_bruno.zoo.sampler import merged, register_samplers
+from sb3_bruno.zoo.sweep import OWNER, SETTINGS, SweepExperiment, load_study, open_storage, requeue_lost_trials
+
+COUNTED = (TrialState.COMPLETE, TrialState.PRUNED, TrialState.RUNNING)
+
+
+def sweep(arguments: list[str]) -> None:
+    """Search hyperparameters with Optuna, by any number of workers on one machine or many.
+
+    example: sb3-bruno sweep init --storage sweep.log --study-name point --env PointDir-v0 -n 6000
+             sb3-bruno sweep run --storage sweep.log --study-name point --max-total-trials 40   # as often as you like
+             sb3-bruno sweep status --storage sweep.log --study-name point
+             sb3-bruno sweep best --storage sweep.log --study-name point --out best.yml
+             sb3-bruno train --env PointDir-v0 -conf best.yml
+    """
+    register_samplers()
+    options = _parser().parse_args(arguments)
+    options.command(options)
+
+
+def init(options: argparse.Namespace) -> None:
+    """Create the study: once, before the workers start."""
+    settings = {
+        "algo": options.algo,
+        "env": options.env,
+        "config": merged(read_config(options.algo, options.env, options.conf), options.hyperparams or {}),
+        "n_timesteps": options.n_timesteps,
+        "n_evaluations": options.n_evaluations,
+        "n_startup_trials": options.n_startup_trials,
+        "seed": options.seed,
+    }
+    SweepExperiment(settings).check()
+    try:
+        study = optuna.create_study(
+            study_name=options.study_name, storage=open_storage(options.storage), direction="maximize"
+        )
+    except optuna.exceptions.DuplicatedStudyError as error:
+        raise Mistake(f"{options.storage} has a study {options.study_name}: choose another --study-name") from error
+    study.set_user_attr(SETTINGS, settings)
+    print(f"Made {options.study_name} in {options.storage}: start workers with sb3-bruno sweep run")
+
+
+def read_config(algo: str, env: str, conf: str | None) -> dict[str, Any]:
+    """The hyperparameters that are not drawn.
+
+    :raises Mistake: if there are none for this algorithm and environment
+    """
+    try:
+        path = config_file(algo, conf) or str(Path(rl_zoo3.__file__).parent / "hyperparams" / f"{algo}.yml")
+        config: dict[str, Any] = yaml.safe_load(Path(path).read_text(encoding="utf-8"))[env]
+    except (OSError, ValueError) as error:
+        raise Mistake(str(error)) from error
+    except KeyError as error:
+        raise Mistake(f"{path} has no {env}: give another file by -conf") from error
+    return config
+
+
+def run(options: argparse.Namespace) -> None:
+    """Work on the study until it has --max-total-trials, or for --n-trials; any number of workers may."""
+    th.set_num_threads(1)
+    study = load_study(options.storage, options.study_name)
+    experiment = SweepExperiment(study.user_attrs[SETTINGS])
+
+    def next_or_stop(study: optuna.Study, _: optuna.trial.FrozenTrial | None) -> None:
+        for number in requeue_lost_trials(study):
+            print(f"Trial {number} lost its worker: queued again")
+        if len(study.get_trials(deepcopy=False, states=COUNTED)) >= (options.max_total_trials or float("inf")):
+            study.stop()
+
+    for number in requeue_lost_trials(study):
+        print(f"Trial {number} lost its worker: queued again")
+    done = len(study.get_trials(deepcopy=False, states=COUNTED))
+    if options.max_total_trials is None or done < options.max_total_trials:
+        study.optimize(
+            experiment.objective,
+            n_trials=options.n_trials,
+            callbacks=[next_or_stop],
+            catch=(Exception,),  # an error fails its trial, traceback and all, and the next one starts
+            gc_after_trial=True,
+        )
+    status(options)
+
+
+def status(options: argparse.Namespace) -> None:
+    """Count the trials by state; show who works on which, and the best so far."""
+    study = load_study(options.storage, options.study_name)
+    trials = study.get_trials(deepcopy=False)
+    counts = Counter(trial.state.name.lower() for trial in trials)
+    print(f"{options.study_name}: {len(trials)} trials " + ", ".join(f"{n} {name}" for name, n in counts.items()))
+    for trial in trials:
+        if trial.state == TrialState.RUNNING:
+            owner = trial.user_attrs.get(OWNER, {"host": "?", "pid": "?"})
+            print(f"  trial {trial.number} runs on {owner['host']} as process {owner['pid']}")
+    if counts["complete"]:
+        print(f"  best: trial {study.best_trial.number}, return {study.best_value:.2f}, {study.best_params}")
+
+
+def best(options: argparse.Namespace) -> None:
+    """Write the best hyperparameters as a config that sb3-bruno train takes as it is."""
+    study = load_study(options.storage, options.study_name)
+    if not study.get_trials(deepcopy=False, states=[TrialState.COMPLETE]):
+        raise Mistake(f"no trial of {options.study_name} is complete: start workers with sb3-bruno sweep run")
+    settings, trial = study.user_attrs[SETTINGS], study.best_trial
+    base = settings["config"]
+    drawn = HYPERPARAMS_CONVERTER[settings["algo"]]({**trial.params, "n_envs": base.get("n_envs", 1)})
+    config = {settings["env"]: merged(base, drawn)}
+    made_by = f"# Trial {trial.number} of {len(study.trials)} of {options.study_name}: return {trial.value:.2f} after "
+    made_by += f"{settings['n_timesteps']:,} env steps, on training tasks held out.\n"
+    try:
+        text = made_by + yaml.safe_dump(config, sort_keys=False)
+    except yaml.representer.RepresenterError as error:
+        raise Mistake(f"--algo {settings['algo']} draws what YAML cannot hold: {error}") from error
+    options.out.write_text(text, encoding="utf-8")
+    print(text + f"\nSaved {options.out}: sb3-bruno train --env {settings['env']} -conf {options.out}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    about = "\n".join(line.strip() for line in (sweep.__doc__ or "").splitlines())
+    formatter = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser("sb3-bruno sweep", description=about, formatter_class=formatter)
+    commands = parser.add_subparsers(required=True, metavar="init | run | status | best")
+    for command in (init, run, status, best):
+        one = commands.add_parser(command.__name__, help=command.__doc__, description=command.__doc__)
+        one.set_defaults(command=command)
+        one.add_argument("--storage", required=True, help="a journal file (sweep.log) or postgresql://...")
+        one.add_argument("--study-name", required=True)
+        if command is init:
+            one.add_argument("--algo", default="bruno_sac", choices=sorted(HYPERPARAMS_SAMPLER.keys() & rl_zoo3.ALGOS))
+            one.add_argument("--env", default="CheetahDir-v0", help="(default: CheetahDir-v0)")
+            one.add_argument("-conf", "--conf-file", dest="conf", help="what is not drawn (default: ours)")
+            one.add_argument("-n", "--n-timesteps", type=int, required=True, help="env steps of a trial")
+            one.add_argument("--n-evaluations", type=int, default=5, help="of a trial, for pruning (default: 5)")
+            one.add_argument("--n-startup-trials", type=int, default=10, help="drawn at random first (default: 10)")
+            one.add_argument("--seed", type=int, default=0, help="of the first trial; each has its own (default: 0)")
+            one.add_argument("-params", "--hyperparams", nargs="+", action=StoreDict, help="as in train")
+        if command is run:
+            one.add_argument("--n-trials", type=int, help="trials of this worker (default: without end)")
+            one.add_argument("--max-total-trials", type=int, help="trials of all workers together")
+        if command is best:
+            one.add_argument("--out", type=Path, default=Path("best.yml"), help="(default: best.yml)")
+    return parser
