@@ -80,20 +80,19 @@ def run(options: argparse.Namespace) -> None:
     study = load_study(options.storage, options.study_name)
     experiment = SweepExperiment(study.user_attrs[SETTINGS])
 
-    def next_or_stop(study: optuna.Study, _: optuna.trial.FrozenTrial | None) -> None:
-        for number in requeue_lost_trials(study):
-            print(f"Trial {number} lost its worker: queued again")
-        if len(study.get_trials(deepcopy=False, states=COUNTED)) >= (options.max_total_trials or float("inf")):
+    def is_done() -> bool:
+        tell_of_lost_trials(study)
+        return len(study.get_trials(deepcopy=False, states=COUNTED)) >= (options.max_total_trials or float("inf"))
+
+    def stop_when_done(study: optuna.Study, _: optuna.trial.FrozenTrial) -> None:
+        if is_done():
             study.stop()
 
-    for number in requeue_lost_trials(study):
-        print(f"Trial {number} lost its worker: queued again")
-    done = len(study.get_trials(deepcopy=False, states=COUNTED))
-    if options.max_total_trials is None or done < options.max_total_trials:
+    if not is_done():
         study.optimize(
             experiment.objective,
             n_trials=options.n_trials,
-            callbacks=[next_or_stop],
+            callbacks=[stop_when_done],
             catch=(Exception,),  # an error fails its trial, traceback and all, and the next one starts
             gc_after_trial=True,
         )
@@ -103,6 +102,7 @@ def run(options: argparse.Namespace) -> None:
 def status(options: argparse.Namespace) -> None:
     """Count the trials by state; show who works on which, and the best so far."""
     study = load_study(options.storage, options.study_name)
+    tell_of_lost_trials(study)
     trials = study.get_trials(deepcopy=False)
     counts = Counter(trial.state.name.lower() for trial in trials)
     print(f"{options.study_name}: {len(trials)} trials " + ", ".join(f"{n} {name}" for name, n in counts.items()))
@@ -112,6 +112,12 @@ def status(options: argparse.Namespace) -> None:
             print(f"  trial {trial.number} runs on {owner['host']} as process {owner['pid']}")
     if counts["complete"]:
         print(f"  best: trial {study.best_trial.number}, return {study.best_value:.2f}, {study.best_params}")
+
+
+def tell_of_lost_trials(study: optuna.Study) -> None:
+    """Queue the trials of workers that are gone again, and say so."""
+    for number in requeue_lost_trials(study):
+        print(f"Trial {number} lost its worker: queued again")
 
 
 def best(options: argparse.Namespace) -> None:
