@@ -13,14 +13,12 @@ from typing import Any
 import cloudpickle
 import numpy as np
 import torch as th
-from gymnasium import Env, Wrapper
-from gymnasium.utils import EzPickle
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import GymEnv
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
+from sb3_bruno.env_state import EnvState, restore_envs, save_envs
 from sb3_bruno.task_inference import TaskInference
 
 
@@ -77,16 +75,13 @@ def save_checkpoint(model: OffPolicyAlgorithm, path: str | pathlib.Path) -> None
     path.parent.mkdir(parents=True, exist_ok=True)
     archive = io.BytesIO()
     model.save(archive)
-    envs, why_not = _pickle_envs(model.env)
     checkpoint = {
         "class": type(model),
         "model": archive.getvalue(),
         "replay_buffer": model.replay_buffer,
         "vec_normalize": model.get_vec_normalize_env(),
         "random": _random_states(model),
-        "envs": envs,
-        "envs_missing_because": why_not,
-        "monitor_sizes": _monitor_sizes(model.env),
+        "envs": save_envs(model.env),
     }
     if model.get_vec_normalize_env() is not None:
         checkpoint["returns"] = model.get_vec_normalize_env().returns  # type: ignore[union-attr]  # not None
@@ -136,81 +131,19 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
     model.replay_buffer = buffer
     if isinstance(model, TaskInference):
         model.bind_buffer()
-    if checkpoint["envs"] is None:
-        warnings.warn(
-            f"The run goes on with a new episode, because {checkpoint['envs_missing_because']}.", stacklevel=2
-        )
+    state: EnvState = checkpoint["envs"]
+    restore_envs(vec_env, state)
+    if state.envs is None:
+        warnings.warn(f"The run goes on with a new episode, because {state.missing_because}.", stacklevel=2)
         model._last_obs = None
-    else:
-        inner = _innermost(vec_env)
-        _cut_monitors(inner, checkpoint["monitor_sizes"])
-        writers = [monitor.results_writer for monitor in _monitors(inner)]
-        inner.envs = cloudpickle.loads(checkpoint["envs"])
-        for monitor, writer in zip(_monitors(inner), writers, strict=True):
-            monitor.results_writer = writer
-        inner._reset_seeds()
     _set_random_states(model, checkpoint["random"])
     return model
-
-
-def _innermost(vec_env: VecEnv) -> DummyVecEnv:
-    inner = vec_env.unwrapped
-    assert isinstance(inner, DummyVecEnv)  # or its envs would not have been pickled
-    return inner
 
 
 def _renew_vec_normalize(saved: VecNormalize, returns: np.ndarray, vec_env: VecEnv) -> VecNormalize:
     saved.set_venv(vec_env.venv if isinstance(vec_env, VecNormalize) else vec_env)
     saved.returns = returns
     return saved
-
-
-def _pickle_envs(vec_env: VecEnv | None) -> tuple[bytes | None, str]:
-    """The envs as bytes, or None and the reason why their state cannot be saved."""
-    inner = vec_env.venv if isinstance(vec_env, VecNormalize) else vec_env
-    if not isinstance(inner, DummyVecEnv):
-        return None, f"the state of envs inside {type(inner).__name__} cannot be reached"
-    for env in inner.envs:
-        for layer in _layers(env):
-            # EzPickle makes a new env of the constructor's arguments: the state in between is lost.
-            if isinstance(layer, EzPickle) and type(layer).__getstate__ is EzPickle.__getstate__:
-                return None, f"{type(layer).__name__} pickles its constructor's arguments and not its state"
-    monitors = _monitors(inner)
-    writers = [monitor.results_writer for monitor in monitors]
-    for monitor in monitors:
-        monitor.results_writer = None  # an open file cannot be pickled
-    try:
-        return cloudpickle.dumps(inner.envs), ""
-    except Exception as error:  # whatever a user's env raises when it is pickled
-        return None, f"the envs cannot be pickled ({error})"
-    finally:
-        for monitor, writer in zip(monitors, writers, strict=True):
-            monitor.results_writer = writer
-
-
-def _monitors(vec_env: DummyVecEnv) -> list[Monitor[Any, Any]]:
-    return [layer for env in vec_env.envs for layer in _layers(env) if isinstance(layer, Monitor)]
-
-
-def _monitor_sizes(vec_env: VecEnv | None) -> list[int]:
-    """How far each Monitor's file has been written, in bytes; 0 where there is none."""
-    inner = vec_env.venv if isinstance(vec_env, VecNormalize) else vec_env
-    writers = [one.results_writer for one in _monitors(inner)] if isinstance(inner, DummyVecEnv) else []
-    return [0 if writer is None else writer.file_handler.tell() for writer in writers]
-
-
-def _cut_monitors(vec_env: DummyVecEnv, sizes: list[int]) -> None:
-    for monitor, size in zip(_monitors(vec_env), sizes, strict=True):
-        writer = monitor.results_writer
-        if writer is not None and writer.file_handler.mode.startswith("a"):
-            writer.file_handler.truncate(min(size, writer.file_handler.tell()))
-
-
-def _layers(env: Env[Any, Any]) -> list[Env[Any, Any]]:
-    layers = [env]
-    while isinstance(layers[-1], Wrapper):
-        layers.append(layers[-1].env)
-    return layers
 
 
 def _random_states(model: OffPolicyAlgorithm) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import yaml
 
 ROOT = Path(__file__).parents[1]
 FLOORS = [
-    {"autoregression", "exchangeable", "reflection", "standardize", "adaptation_result", "task_index"},
+    {"autoregression", "exchangeable", "reflection", "standardize", "adaptation_result", "env_state", "task_index"},
     {"flow"},
     {"encoders.base"},
     {"encoders.bruno"},
