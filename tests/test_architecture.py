@@ -20,7 +20,7 @@ FLOORS = [
     {"task_inference"},
     {"bruno_sac", "bruno_tqc", "bruno_crossq", "bruno_td3", "resume"},
     {""},  # the package's face
-    {"eval_callback", "evaluation"},
+    {"eval_callback", "evaluation", "video"},
     {"plotting"},
     {"quickstart", "report"},
     {"zoo.mistake", "zoo.registry"},

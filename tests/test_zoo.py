@@ -4,20 +4,25 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch as th
 import yaml
+from moviepy import VideoFileClip
 from stable_baselines3.common.monitor import load_results
 
 from sb3_bruno import BrunoSAC
 from sb3_bruno.adaptation_result import AdaptationResult
 from sb3_bruno.eval_callback import load_learning_curve
+from sb3_bruno.video import record_tasks
 from sb3_bruno.zoo.cli import COMMANDS, main
 from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.registry import ALGORITHMS, config_file, configs_folder
+from sb3_bruno_envs import POINT_DIR_TASKS
 
 CONFIGS = sorted(configs_folder().rglob("*.yml"))
 TINY = [
@@ -87,15 +92,35 @@ def test_train_evaluate_enjoy_record_and_plot(run, tmp_path):
     folder = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1"
     assert load_learning_curve(folder).timesteps.tolist() == [240, 480]
     assert {"task_index", "task"} <= set(load_results(str(folder)).columns)
-    printed, _ = run("evaluate", "--env", "PointDir-v0", "--episodes", 2)
+    printed, _ = run("evaluate", "--env", "PointDir-v0", "--episodes", 2, "--video")
     assert "steps to 90 %" in printed
     assert AdaptationResult.load(folder / "adaptation.json").rewards.shape == (2, 2, 30)
+    assert VideoFileClip(folder / "adaptation.mp4").n_frames == 30
     assert "Mean reward" in run("enjoy", "--env", "PointDir-v0", "--no-render", "-n", 60)[0]
     assert run("record-video", "--env", "PointDir-v0", "-n", 10)[1] == ""
     assert list((folder / "videos").glob("*.mp4"))
     assert run(*tiny("-conf", "oracle", algo="sac"))[1] == ""
     assert run("plot", "-a", "bruno_sac", "sac", "-e", "PointDir-v0")[1] == ""
     assert (tmp_path / "curves.png").stat().st_size > 10_000
+
+
+def test_a_video_draws_the_belief_under_each_task(tmp_path):
+    model = BrunoSAC("MlpPolicy", "sb3_bruno_envs:PointDir-v0", seed=0)
+    make_env = partial(gym.make, "PointDir-v0", render_mode="rgb_array")
+    tasks = POINT_DIR_TASKS.tasks("test")
+    record_tasks(model, make_env, tasks, tmp_path / "two.mp4")
+    two = VideoFileClip(tmp_path / "two.mp4")
+    record_tasks(model, make_env, tasks[:1], tmp_path / "one.mp4")
+    one = VideoFileClip(tmp_path / "one.mp4")
+    assert (two.n_frames, two.fps) == (30, 10) and two.size[0] == 2 * one.size[0]
+    first, last = two.get_frame(0).astype(int), two.get_frame(2.8).astype(int)
+    height = two.size[1]
+    assert np.abs(first - last)[: height // 2].max() > 50  # the point moved
+    assert np.abs(first - last)[height // 2 :].max() > 50  # so did the cursor over the belief
+    with pytest.raises(ValueError, match="5 tasks"):
+        record_tasks(model, make_env, np.zeros((5, 2)), tmp_path / "five.mp4")
+    with pytest.raises(ValueError, match="rgb_array"):
+        record_tasks(model, partial(gym.make, "PointDir-v0"), tasks, tmp_path / "none.mp4")
 
 
 def test_an_agent_is_trained_on(run, tmp_path):

@@ -19,6 +19,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from sb3_bruno.eval_callback import load_learning_curve
 from sb3_bruno.evaluation import evaluate_adaptation
 from sb3_bruno.plotting import plot_adaptation, plot_learning_curves
+from sb3_bruno.task_inference import TaskInference
+from sb3_bruno.video import MAX_TASKS, record_tasks
 from sb3_bruno.zoo.mistake import Mistake
 
 
@@ -37,6 +39,7 @@ def evaluate(arguments: list[str]) -> None:
     parser.add_argument("--steps", type=int, help="of each episode (default: the environment's own)")
     parser.add_argument("--split", choices=["train", "test"], default="test", help="which tasks (default: test)")
     parser.add_argument("--seed", type=int, default=0, help="of the environments (default: 0)")
+    parser.add_argument("--video", action="store_true", help="also record up to four tasks, belief drawn under each")
     parser.add_argument("--out", type=Path, help="where adaptation.json and .png go (default: the run's folder)")
     options = parser.parse_args(arguments)
     th.set_num_threads(1)
@@ -52,13 +55,15 @@ def evaluate(arguments: list[str]) -> None:
         env_kwargs["max_episode_steps"] = options.steps
     make_env = partial(gym.make, env_name.gym_id, **env_kwargs)
     model = rl_zoo3.ALGOS[options.algo].load(model_path, device="cpu")
+    tasks = make_env().get_wrapper_attr("task_distribution").tasks(options.split)
+    vec_normalize = _vec_normalize(Path(log_path) / env_name, make_env)
     result = evaluate_adaptation(
         model,
         make_env,
-        make_env().get_wrapper_attr("task_distribution").tasks(options.split),
+        tasks,
         n_episodes=options.episodes,
         seed=options.seed,
-        vec_normalize=_vec_normalize(Path(log_path) / env_name, make_env),
+        vec_normalize=vec_normalize,
         config={"algo": options.algo, "env": env_name.gym_id, "env_steps": model.num_timesteps, "seed": model.seed},
     )
     out = options.out or Path(log_path)
@@ -67,6 +72,13 @@ def evaluate(arguments: list[str]) -> None:
     plot_adaptation({options.algo: result}, out / "adaptation.png")
     print(result.summary())
     print(f"Saved {out / 'adaptation.json'} and {out / 'adaptation.png'}")
+    if options.video:
+        if not isinstance(model, TaskInference):
+            raise Mistake(f"--video draws the belief, and {options.algo} has none: use record-video")
+        chosen = tasks[np.linspace(0, len(tasks) - 1, min(len(tasks), MAX_TASKS)).astype(int)]
+        shown = partial(make_env, render_mode="rgb_array")
+        record_tasks(model, shown, chosen, out / "adaptation.mp4", seed=options.seed, vec_normalize=vec_normalize)
+        print(f"Saved {out / 'adaptation.mp4'}")
 
 
 def plot(arguments: list[str]) -> None:
