@@ -78,7 +78,7 @@ def _draw(labels: list[str], episodes: list[tuple[Frames, list[TaskBelief]]]) ->
     length = max(len(frames) for frames, _ in episodes)
     figure = Figure(figsize=(3.2 * len(episodes), 4.0), dpi=100, layout="tight")
     canvas = FigureCanvasAgg(figure)
-    panels = figure.subplots(2, len(episodes), squeeze=False, height_ratios=(3, 2))
+    panels = figure.subplots(2, len(episodes), squeeze=False, height_ratios=(3, 2), sharey="row")
     images, cursors = [], []
     for column, (label, (frames, beliefs)) in enumerate(zip(labels, episodes, strict=True)):
         picture, chart = panels[0, column], panels[1, column]

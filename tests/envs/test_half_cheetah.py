@@ -132,3 +132,21 @@ def test_images_are_rendered_without_a_screen(monkeypatch, size):
     rollout(env.unwrapped, actions(10))
     assert (env.render() != before).any()
     env.close()
+
+
+def test_the_camera_follows_the_cheetah(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", os.environ.get("MUJOCO_GL", "egl"))
+
+    def skin(**kwargs):
+        """The share of the picture that is cheetah, which alone is redder than green, 50 m from the start."""
+        env = gym.make("sb3_bruno_envs:CheetahDir-v0", render_mode="rgb_array", **kwargs)
+        env.reset(seed=0)
+        env.render()  # a free camera looks where the cheetah is at first
+        env.unwrapped.data.qpos[0] = 50.0
+        rollout(env.unwrapped, actions(2))
+        picture = env.render().astype(int)
+        env.close()
+        return (picture[..., 0] > picture[..., 1] + 30).mean()
+
+    assert skin() > 0.01
+    assert skin(camera_id=-1) < 1e-4  # the free camera stays where it is
