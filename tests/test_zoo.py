@@ -40,7 +40,6 @@ def run(tmp_path, monkeypatch, capsys):
     """Runs the console script in an empty folder; what it prints, and the line on which it gives up."""
 
     def call(*arguments):
-        monkeypatch.setattr(TaskExperiment, "has_started", False)
         try:
             main(list(map(str, arguments)))
         except SystemExit as end:
@@ -143,6 +142,7 @@ def test_a_killed_run_is_resumed_exactly(run, tmp_path):
     assert process.wait() == -signal.SIGKILL
     printed, mistake = run("train", "--resume", parts)
     assert mistake == "" and "of 2,000 env steps" in printed
+    assert TaskExperiment.checkpoint_freq == 160
     one, two = (BrunoSAC.load(folder / "PointDir-v0.zip") for folder in (whole, parts))
     for name, value in one.policy.state_dict().items():
         assert th.equal(value, two.policy.state_dict()[name]), name

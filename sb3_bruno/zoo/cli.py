@@ -50,9 +50,10 @@ def train(arguments: Arguments) -> None:
         "--checkpoint-freq", type=int, default=25_000, metavar="N", help="env steps between checkpoints, 0: none"
     )
     own, rest = _parse(parser, arguments, rl_zoo3.train.train)
+    TaskExperiment.folder, TaskExperiment.has_started = own.resume, False
     if own.resume is not None:
-        rest = _command_of(own.resume)
-    TaskExperiment.folder, TaskExperiment.checkpoint_freq = own.resume, own.checkpoint_freq
+        own, rest = parser.parse_known_args(_command_of(own.resume))
+    TaskExperiment.checkpoint_freq = own.checkpoint_freq
     vars(rl_zoo3.train)["ExperimentManager"] = TaskExperiment  # what train() makes
     _call(rl_zoo3.train.train, "train", _with_defaults(rest, {**DEFAULTS, "--num-threads": "1"}))
 
@@ -116,10 +117,8 @@ def _parse(
 
 
 def _with_defaults(arguments: Arguments, defaults: dict[str, str]) -> Arguments:
-    """Add the flags that are missing, however they are spelled (``--env X`` or ``--env=X``)."""
-    given = {argument.split("=")[0] for argument in arguments}
-    added = [part for flag, value in defaults.items() if flag not in given for part in (flag, value)]
-    return [*added, *arguments]
+    """Ours first: of a flag that is given twice the last one counts."""
+    return [part for flag in defaults.items() for part in flag] + arguments
 
 
 def _call(upstream: Callable[[], None], name: str, arguments: Arguments) -> None:

@@ -68,7 +68,8 @@ class TaskExperiment(ExperimentManager):
         if results is None:
             return None
         model, saved_hyperparams = results
-        command = [*sys.argv[1:], "--seed", str(self.seed)]  # the last one counts
+        chosen = ["--seed", str(self.seed), "--checkpoint-freq", str(self.checkpoint_freq)]
+        command = [*sys.argv[1:], *chosen]  # of a flag that is given twice the last one counts
         (Path(self.save_path) / COMMAND).write_text(json.dumps(command) + "\n", encoding="utf-8")
         if self.folder is not None:
             assert model.env is not None  # for mypy
