@@ -39,7 +39,7 @@ Seconds = dict[str, list[float]]
 
 
 class Row(NamedTuple):
-    """One line of the table: ``work`` per second, and its seconds as a multiple of those of ``beside``."""
+    """One line of the table: how often ``what`` is done, and its seconds as a multiple of those of ``beside``."""
 
     what: str
     per_second: float

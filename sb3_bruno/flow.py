@@ -23,30 +23,30 @@ class Latents(NamedTuple):
     log_det: Tensor
 
 
-def paper_maf(features: int, context: int, transforms: int = 6) -> Flow:
+def paper_maf(features: int, context: int) -> Flow:
     """The paper's flow as near as zuko allows: six masked autoregressive layers of 128 hidden units.
 
     Each layer's log-scale is bounded to (-1, 1), by zuko's softsign where the paper uses tanh. There is no weight
     normalisation, and no start at the identity: torch's own start taught the belief faster (docs/method.md).
     Orders alternate between ascending and descending.
     """
-    return _flow(_layers(features, context, transforms), features)
+    return _flow(_layers(features, context, 6), features)
 
 
-def reflected_maf(features: int, context: int, transforms: int = 4) -> Flow:
-    """The paper's layers, fewer of them, and a reflection last, so that a latent may turn its sign with x.
+def reflected_maf(features: int, context: int) -> Flow:
+    """Four of the paper's layers and a reflection last, so that a latent may turn its sign with x.
 
     :raises ValueError: if there is but one feature, whose reflection is only a change of sign: nothing could be learned
     """
     if features < 2:
         raise ValueError(f"`reflected_maf` needs at least 2 features, got {features}: set `extra_dims` to 1 or more.")
-    return _flow([*_layers(features, context, transforms), ConditionalReflection(features, context)], features)
+    return _flow([*_layers(features, context, 4), ConditionalReflection(features, context)], features)
 
 
-def _layers(features: int, context: int, transforms: int) -> list[LazyTransform]:
+def _layers(features: int, context: int, n_layers: int) -> list[LazyTransform]:
     orders = (th.arange(features), th.arange(features).flip(0))
     return [
-        AffineAutoregression(features, context, order=orders[i % 2], hidden_features=(128,)) for i in range(transforms)
+        AffineAutoregression(features, context, order=orders[i % 2], hidden_features=(128,)) for i in range(n_layers)
     ]
 
 

@@ -43,8 +43,9 @@ def record_tasks(
     task_array = np.asarray(tasks, dtype=np.float32)
     if not 1 <= len(task_array) <= MAX_TASKS:
         raise ValueError(f"`tasks` holds {len(task_array)} tasks: give 1 to {MAX_TASKS}.")
-    episodes = [_episode(model, make_env(), task, seed, vec_normalize) for task in task_array]
-    fps = make_env().metadata.get("render_fps", 30)
+    envs = [make_env() for _ in task_array]
+    fps = envs[0].metadata.get("render_fps", 30)
+    episodes = [_episode(model, env, task, seed, vec_normalize) for env, task in zip(envs, task_array, strict=True)]
     frames = _draw([task_label(task) for task in task_array], episodes)
     ImageSequenceClip(frames, fps=fps).write_videofile(str(path), logger=None)
 

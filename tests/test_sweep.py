@@ -40,6 +40,13 @@ def settings(env="PointDir-v0", algo="bruno_sac", **config):
     }
 
 
+@pytest.fixture(autouse=True, scope="module")
+def registered():
+    """Our algorithms, environments and search space, as the command line registers them."""
+    register()
+    register_samplers()
+
+
 @pytest.fixture(scope="module")
 def postgres(tmp_path_factory):
     """The address of a real server, started for this module."""
@@ -121,8 +128,6 @@ def test_few_tasks_are_judged_with_fresh_seeds():
 
 
 def test_an_error_of_a_trial_is_no_pruned_trial():
-    register()
-    register_samplers()
     study = optuna.create_study()
     experiment = SweepExperiment(settings())
     experiment._hyperparams["batch_size"] = 64

@@ -15,6 +15,7 @@ import rl_zoo3.train
 from sb3_bruno.zoo.evaluate import evaluate, plot
 from sb3_bruno.zoo.experiment import CHECKPOINT, COMMAND, TaskExperiment
 from sb3_bruno.zoo.mistake import Mistake
+from sb3_bruno.zoo.parser import command_parser
 from sb3_bruno.zoo.registry import register
 from sb3_bruno.zoo.sweep_commands import sweep
 
@@ -94,14 +95,8 @@ def _rl_zoo3_record_video() -> None:
 
 
 def _own_parser(name: str, command: Callable[[Arguments], None]) -> argparse.ArgumentParser:
-    about = "\n".join(line.strip() for line in (command.__doc__ or "").splitlines())
-    return argparse.ArgumentParser(
-        f"sb3-bruno {name}",
-        description=about,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        add_help=False,
-        allow_abbrev=False,
-    )
+    """Of our flags alone: rl_zoo3's parser has the help."""
+    return command_parser(name, command, add_help=False, allow_abbrev=False)
 
 
 def _parse(

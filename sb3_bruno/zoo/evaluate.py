@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import rl_zoo3
 import torch as th
 import yaml
 from huggingface_sb3 import EnvironmentName
+from numpy.typing import NDArray
 from rl_zoo3.utils import get_model_path, get_saved_hyperparams
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
@@ -22,6 +23,7 @@ from sb3_bruno.plotting import plot_adaptation, plot_learning_curves
 from sb3_bruno.task_inference import TaskInference
 from sb3_bruno.video import MAX_TASKS, record_tasks
 from sb3_bruno.zoo.mistake import Mistake
+from sb3_bruno.zoo.parser import command_parser
 
 
 def evaluate(arguments: list[str]) -> None:
@@ -29,7 +31,7 @@ def evaluate(arguments: list[str]) -> None:
 
     example: sb3-bruno evaluate --algo bruno_sac --env CheetahDir-v0 -f logs --steps 1000
     """
-    parser = _parser("evaluate", evaluate)
+    parser = command_parser("evaluate", evaluate)
     parser.add_argument("--algo", default="bruno_sac", choices=sorted(rl_zoo3.ALGOS), help="(default: bruno_sac)")
     parser.add_argument("--env", type=EnvironmentName, default="CheetahDir-v0", help="(default: CheetahDir-v0)")
     parser.add_argument("-f", "--folder", default="logs", help="log folder (default: logs)")
@@ -55,7 +57,9 @@ def evaluate(arguments: list[str]) -> None:
         env_kwargs["max_episode_steps"] = options.steps
     make_env = partial(gym.make, env_name.gym_id, **env_kwargs)
     model = rl_zoo3.ALGOS[options.algo].load(model_path, device="cpu")
-    tasks = make_env().get_wrapper_attr("task_distribution").tasks(options.split)
+    if options.video and not isinstance(model, TaskInference):
+        raise Mistake(f"--video draws the belief, and {options.algo} has none: use record-video")
+    tasks = _tasks(make_env, options.split)
     vec_normalize = _vec_normalize(Path(log_path) / env_name, make_env)
     result = evaluate_adaptation(
         model,
@@ -73,8 +77,7 @@ def evaluate(arguments: list[str]) -> None:
     print(result.summary())
     print(f"Saved {out / 'adaptation.json'} and {out / 'adaptation.png'}")
     if options.video:
-        if not isinstance(model, TaskInference):
-            raise Mistake(f"--video draws the belief, and {options.algo} has none: use record-video")
+        assert isinstance(model, TaskInference)  # checked before the test
         chosen = tasks[np.linspace(0, len(tasks) - 1, min(len(tasks), MAX_TASKS)).astype(int)]
         shown = partial(make_env, render_mode="rgb_array")
         record_tasks(model, shown, chosen, out / "adaptation.mp4", seed=options.seed, vec_normalize=vec_normalize)
@@ -86,7 +89,7 @@ def plot(arguments: list[str]) -> None:
 
     example: sb3-bruno plot -a bruno_sac -e CheetahDir-v0 -f logs --out curves.png
     """
-    parser = _parser("plot", plot)
+    parser = command_parser("plot", plot)
     parser.add_argument("-a", "--algo", nargs="+", default=["bruno_sac"], help="(default: bruno_sac)")
     parser.add_argument("-e", "--env", default="CheetahDir-v0", help="(default: CheetahDir-v0)")
     parser.add_argument("-f", "--exp-folder", type=Path, default=Path("logs"), help="log folder (default: logs)")
@@ -105,10 +108,18 @@ def plot(arguments: list[str]) -> None:
     print(f"Saved {options.out}")
 
 
-def _parser(name: str, command: Any) -> argparse.ArgumentParser:
-    about = "\n".join(line.strip() for line in (command.__doc__ or "").splitlines())
-    formatter = argparse.RawDescriptionHelpFormatter
-    return argparse.ArgumentParser(f"sb3-bruno {name}", description=about, formatter_class=formatter)
+def _tasks(make_env: Callable[[], gym.Env[Any, Any]], split: str) -> NDArray[np.float32]:
+    """All tasks of a split, (n_tasks, task_dim).
+
+    :raises Mistake: if the environment has no list of them
+    """
+    try:
+        env = make_env()
+        tasks: NDArray[np.float32] = env.get_wrapper_attr("task_distribution").tasks(split)
+    except (TypeError, AttributeError) as error:
+        raise Mistake(f"the environment has no list of {split} tasks to test on: {error}") from error
+    env.close()
+    return tasks
 
 
 def _env_kwargs(params: Path) -> dict[str, Any]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 
 import rl_zoo3
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 import sb3_bruno
-import sb3_bruno_envs  # noqa: F401  # registers the environments
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
     "bruno_sac": sb3_bruno.BrunoSAC,
@@ -19,7 +19,8 @@ ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
 
 
 def register() -> None:
-    """Add our algorithms to rl_zoo3's, in place, before it builds its parsers."""
+    """Add our algorithms to rl_zoo3's, in place, before it builds its parsers, and our environments to Gymnasium's."""
+    importlib.import_module("sb3_bruno_envs")
     rl_zoo3.ALGOS.update(ALGORITHMS)
 
 

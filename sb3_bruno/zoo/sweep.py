@@ -59,10 +59,9 @@ def open_storage(storage: str, heartbeat: int = 60) -> JournalStorage | RDBStora
     raise Mistake(f"--storage {storage}: give a journal file (sweep.log) or a database (postgresql://...)")
 
 
-def load_study(storage: str, name: str, seed: int | None = None) -> optuna.Study:
+def load_study(storage: str, name: str) -> optuna.Study:
     """The study that ``sweep init`` made.
 
-    :param seed: of the sampler of this worker
     :raises Mistake: if there is none
     """
     try:
@@ -70,7 +69,7 @@ def load_study(storage: str, name: str, seed: int | None = None) -> optuna.Study
     except KeyError as error:
         raise Mistake(f"no study {name} in {storage}: make it with sb3-bruno sweep init") from error
     settings = study.user_attrs[SETTINGS]
-    study.sampler = optuna.samplers.TPESampler(n_startup_trials=settings["n_startup_trials"], seed=seed)
+    study.sampler = optuna.samplers.TPESampler(n_startup_trials=settings["n_startup_trials"])
     study.pruner = optuna.pruners.MedianPruner(
         n_startup_trials=settings["n_startup_trials"], n_warmup_steps=settings["n_evaluations"] // 3
     )
@@ -109,14 +108,15 @@ class SweepExperiment(TaskExperiment):
 
     def create_envs(self, n_envs: int, eval_env: bool = False, no_log: bool = False) -> VecEnv:
         """As rl_zoo3, without monitor files; a trial is judged on held-out tasks and fresh seeds."""
-        if not eval_env:
-            return super().create_envs(n_envs, no_log=True)
-        training, self.env_kwargs = self.env_kwargs, self._judged_on
-        self.eval_env_kwargs, self.seed = self._judged_on, self.seed + FRESH
+        fresh = FRESH if eval_env else 0
+        self.seed += fresh
         try:
-            return super(TaskExperiment, self).create_envs(n_envs, eval_env=True, no_log=True)
+            return super().create_envs(n_envs, eval_env, no_log=True)
         finally:
-            self.env_kwargs, self.seed = training, self.seed - FRESH
+            self.seed -= fresh
+
+    def _test_env_kwargs(self) -> dict[str, Any]:
+        return self._judged_on
 
     def check(self) -> None:
         """Make a model once, so that a mistake shows before any worker starts."""

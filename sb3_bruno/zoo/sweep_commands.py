@@ -16,6 +16,7 @@ from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 from rl_zoo3.utils import StoreDict
 
 from sb3_bruno.zoo.mistake import Mistake
+from sb3_bruno.zoo.parser import command_parser
 from sb3_bruno.zoo.registry import config_file
 from sb3_bruno.zoo.sampler import merged, register_samplers
 from sb3_bruno.zoo.sweep import OWNER, SETTINGS, SweepExperiment, load_study, open_storage, requeue_lost_trials
@@ -140,9 +141,7 @@ def best(options: argparse.Namespace) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    about = "\n".join(line.strip() for line in (sweep.__doc__ or "").splitlines())
-    formatter = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser("sb3-bruno sweep", description=about, formatter_class=formatter)
+    parser = command_parser("sweep", sweep)
     commands = parser.add_subparsers(required=True, metavar="init | run | status | best")
     for command in (init, run, status, best):
         one = commands.add_parser(command.__name__, help=command.__doc__, description=command.__doc__)
