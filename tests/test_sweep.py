@@ -102,10 +102,11 @@ def test_two_workers_one_killed_and_every_trial_is_accounted_for(storage, tmp_pa
 
 
 def wait_for_a_trial_of(pid, study):
-    """The number of a trial that runs in process ``pid``."""
+    """The number of a trial that trains in process ``pid``, its hyperparameters drawn."""
     for _ in range(600):
         for trial in study.get_trials(states=[TrialState.RUNNING]):
-            if trial.user_attrs.get(OWNER, {}).get("pid") == pid:
+            has_drawn = "encoder_update_ratio_pow" in trial.params  # the last to be drawn
+            if has_drawn and trial.user_attrs.get(OWNER, {}).get("pid") == pid:
                 return trial.number
         time.sleep(0.1)
     raise AssertionError("the worker never began")
