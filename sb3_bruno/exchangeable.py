@@ -1,6 +1,6 @@
 """An exchangeable Gaussian process in closed form, over whole batches at once.
 
-The file knows torch and nothing else: no flow, no transition, no task.
+It knows torch and nothing else: no flow, no transition, no task.
 """
 
 from __future__ import annotations
@@ -10,25 +10,34 @@ from typing import NamedTuple
 
 import torch as th
 from torch import Tensor, nn
-from torch.distributions import Normal
+from torch.distributions import Distribution, Normal
 from torch.nn import functional as F
 
 
 class Statistics(NamedTuple):
-    """What a set of latents leaves behind: (n, S1, S2). Merging two sets is adding.
+    """What a set of latents leaves behind: n, S1 and W = S2 - S1^2 / n.
+
+    The scatter W stands for the sum of squares S2, which it gives back: of many latents with a mean far from 0, W
+    is what float32 would lose in the difference of two large sums.
 
     :ivar n: the number of latents, shape (..., 1)
     :ivar total: S1, the sum of (z - m), shape (..., dim)
-    :ivar total_sq: S2, the sum of (z - m)^2, shape (..., dim)
+    :ivar scatter: W, the sum of squared deviations from the set's own mean, shape (..., dim)
     """
 
     n: Tensor
     total: Tensor
-    total_sq: Tensor
+    scatter: Tensor
 
     def merge(self, other: Statistics) -> Statistics:
-        """The statistics of both sets together, in whatever order they came."""
-        return Statistics(*(mine + theirs for mine, theirs in zip(self, other, strict=True)))
+        """The statistics of both sets together, in whatever order they came.
+
+        W = W' + W'' + n' n'' / (n' + n'') (S1' / n' - S1'' / n'')^2 (Chan, Golub and LeVeque, 1983).
+        """
+        n, total = self.n + other.n, self.total + other.total
+        gap = other.n * self.total - self.n * other.total  # n' n'' times the gap of the means: 0 if a set is empty
+        between = gap.square() / (self.n * other.n * n).clamp(min=1)
+        return Statistics(n, total, self.scatter + other.scatter + between)
 
 
 class ExchangeableGaussian(nn.Module):
@@ -87,41 +96,71 @@ class ExchangeableGaussian(nn.Module):
 
     def observe(self, z: Tensor) -> Statistics:
         """The statistics of every latent by itself. z: (..., dim)"""
-        return Statistics(th.ones_like(z[..., :1]), z, z.square())
+        return Statistics(th.ones_like(z[..., :1]), z, th.zeros_like(z))
 
     def statistics(self, z: Tensor) -> Statistics:
         """The statistics of a set of latents. z: (..., time, dim) -> (..., dim)"""
-        return Statistics(*(one.sum(dim=-2) for one in self.observe(z)))
+        n, total = th.ones_like(z[..., :1]).sum(dim=-2), z.sum(dim=-2)
+        mean = total / n.clamp(min=1)
+        return Statistics(n, total, (z - mean.unsqueeze(-2)).square().sum(dim=-2))
 
     def prefixes(self, z: Tensor) -> Statistics:
-        """The statistics of the first 0, 1, ..., time latents, by a cumulative sum.
+        """The statistics of the first 0, 1, ..., time latents, by cumulative sums.
 
         z: (..., time, dim) -> (..., time + 1, dim); entry t has seen z[..., :t, :] and nothing of z[..., t:, :].
         """
-        return Statistics(*(F.pad(one.cumsum(dim=-2), (0, 0, 1, 0)) for one in self.observe(z)))
+        ones, none = th.ones_like(z[..., :1]), th.zeros_like(z)
+        n, total, _ = (F.pad(one.cumsum(dim=-2), (0, 0, 1, 0)) for one in (ones, z, none))
+        before = Statistics(n[..., :-1, :], total[..., :-1, :], none)
+        added = before.merge(self.observe(z)).scatter  # by each latent to the scatter of those before it
+        return Statistics(n, total, F.pad(added.cumsum(dim=-2), (0, 0, 1, 0)))
 
-    def posterior(self, statistics: Statistics) -> Normal:
-        """p(theta | z_1..z_n) = N(rho S1 / D_n, rho (v - rho) / D_n), D_n = v + (n - 1) rho. Batch (..., dim).
+    def theta_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
+        """mu_n = rho S1 / D_n and var_n = rho (v - rho) / D_n, with D_n = v + (n - 1) rho. Shape (..., dim) each.
 
         D_n is summed as (v - rho) + n rho, so that it stays positive at n = 0.
         """
-        cov, noise_var = self.cov, self.noise_var
-        gain = cov / (noise_var + statistics.n * cov)  # rho / D_n
+        gain = self.cov / (self.noise_var + statistics.n * self.cov)  # rho / D_n
         mean = gain * statistics.total
-        return Normal(mean, (gain * noise_var).sqrt().expand_as(mean), validate_args=False)
+        return mean, (gain * self.noise_var).expand_as(mean)
 
-    def predictive(self, statistics: Statistics) -> Normal:
-        """p(z_{n+1} | z_1..z_n) = N(mu_n, v - rho + var_n). Batch (..., dim)."""
-        theta = self.posterior(statistics)
-        return Normal(theta.mean, (self.noise_var + theta.variance).sqrt(), validate_args=False)
+    def posterior(self, statistics: Statistics) -> Distribution:
+        """p(theta | z_1..z_n) = N(mu_n, var_n). Batch (..., dim)."""
+        mean, var = self.theta_moments(statistics)
+        return Normal(mean, var.sqrt(), validate_args=False)
+
+    def predictive(self, statistics: Statistics) -> Distribution:
+        """p(z_{n+1} | z_1..z_n) = N(mu_n, v - rho + var_n), of each dimension. Batch (..., dim)."""
+        mean, var = self.theta_moments(statistics)
+        return Normal(mean, (self.noise_var + var).sqrt(), validate_args=False)
+
+    def log_predictive(self, statistics: Statistics, z: Tensor) -> Tensor:
+        """log p(z | z_1..z_n) over all dimensions together. z: (..., dim) -> (...)"""
+        log_prob: Tensor = self.predictive(statistics).log_prob(z)
+        return log_prob.sum(dim=-1)
+
+    def sample(self, statistics: Statistics, n_samples: int) -> Tensor:
+        """Draws from the predictive, shape (n_samples, ..., dim)."""
+        return self.predictive(statistics).sample(th.Size([n_samples]))
+
+    def squared_mahalanobis(self, statistics: Statistics) -> Tensor:
+        """beta_n = (S2 - rho S1^2 / D_n) / (v - rho), which is chi-squared_n under the model. Shape (..., dim).
+
+        Written as W / (v - rho) + S1^2 / (n D_n), both terms positive: the difference cancels in float32.
+        """
+        n, total, scatter = statistics
+        scale = self.noise_var + n * self.cov  # D_n
+        return scatter / self.noise_var + total.square() / (n.clamp(min=1) * scale)
+
+    def log_volume(self, statistics: Statistics) -> Tensor:
+        """The log-determinant of the covariance of n latents, (n - 1) ln(v - rho) + ln D_n. Shape (..., dim)."""
+        n = statistics.n
+        return (n - 1) * self.noise_var.log() + (self.noise_var + n * self.cov).log()
 
     def log_evidence(self, statistics: Statistics) -> Tensor:
-        """log p(z_1..z_n), jointly over the set and per dimension, shape (..., dim).
+        """log p(z_1..z_n), jointly over the set and all dimensions, shape (...).
 
-        -1/2 [n ln 2 pi + (n - 1) ln(v - rho) + ln D_n + (S2 - rho S1^2 / D_n) / (v - rho)]
+        -1/2 [n ln 2 pi + (n - 1) ln(v - rho) + ln D_n + beta_n], summed over the dimensions
         """
-        n, total, total_sq = statistics
-        scale = self.noise_var + n * self.cov  # D_n
-        deviance = (total_sq - self.cov * total.square() / scale) / self.noise_var
-        log_volume = n * math.log(2 * math.pi) + (n - 1) * self.noise_var.log() + scale.log()
-        return -0.5 * (log_volume + deviance)
+        log_normal = statistics.n * math.log(2 * math.pi) + self.log_volume(statistics)
+        return -0.5 * (log_normal + self.squared_mahalanobis(statistics)).sum(dim=-1)

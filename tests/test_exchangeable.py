@@ -7,7 +7,7 @@ import pytest
 import torch as th
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import chi2, kstest, multivariate_normal, norm
 
 from sb3_bruno.exchangeable import ExchangeableGaussian
 
@@ -63,7 +63,7 @@ def test_evidence_is_the_product_of_one_step_predictives(var, correlation, n, se
     process, z = process_of(3, var, correlation), draw(seed, n, 3)
     prefixes = process.prefixes(z)
     before = type(prefixes)(*(one[:-1] for one in prefixes))
-    one_step = process.predictive(before).log_prob(z).sum(dim=0)
+    one_step = process.log_predictive(before, z).sum(dim=0)
     th.testing.assert_close(process.log_evidence(process.statistics(z)), one_step, rtol=1e-8, atol=1e-8)
 
 
@@ -90,7 +90,7 @@ def test_posterior_variances_of_the_erratum():
 
 
 @given(st.integers(0, 8), st.integers(0, 8), seeds)
-def test_order_does_not_matter_and_merging_is_adding(n, m, seed):
+def test_neither_order_nor_grouping_matters(n, m, seed):
     process, z = process_of(2, 1.0, 0.3), draw(seed, n + m, 2)
     together = process.statistics(z)
     shuffled = process.statistics(z[np.random.default_rng(seed).permutation(n + m)])
@@ -98,6 +98,25 @@ def test_order_does_not_matter_and_merging_is_adding(n, m, seed):
     for other in (shuffled, merged, process.empty().merge(together)):
         for one, two in zip(together, other, strict=True):
             th.testing.assert_close(one, two.expand_as(one))
+    for one, two in zip(together, process.prefixes(z), strict=True):
+        th.testing.assert_close(one, two[-1])
+
+
+def test_the_scatter_gives_the_sum_of_squares_back():
+    process, z = process_of(2, 1.0, 0.3), draw(3, 4, 9, 2)
+    n, total, scatter = process.statistics(z)
+    th.testing.assert_close(scatter + total.square() / n, z.square().sum(dim=1))
+
+
+@settings(max_examples=20)
+@given(variances, correlations, seeds)
+def test_squared_mahalanobis_is_the_dense_one_and_chi_squared_under_the_model(var, correlation, seed):
+    process, z = process_of(1, var, correlation), draw(seed, 2_000, 10, 1)
+    dense = dense_cov(10, *var_and_cov(process))
+    z = z.squeeze(-1) @ th.as_tensor(np.linalg.cholesky(dense)).T  # sets drawn from the process
+    beta = process.squared_mahalanobis(process.statistics(z.unsqueeze(-1)))[:, 0].detach().numpy()
+    np.testing.assert_allclose(beta, np.einsum("bi,ij,bj->b", z, np.linalg.inv(dense), z), rtol=1e-6)
+    assert kstest(beta, chi2(10).cdf).pvalue > 1e-4
 
 
 def test_prefixes_never_see_the_future():
@@ -124,6 +143,8 @@ def test_float32_stays_true_over_ten_thousand_observations():
         found = getattr(single, name)(single.prefixes(z.float()))
         np.testing.assert_allclose(found.mean.detach(), truth.mean.detach(), atol=1e-4)
         np.testing.assert_allclose(found.variance.detach(), truth.variance.detach(), rtol=1e-4)
+    beta, true_beta = (one.squared_mahalanobis(one.prefixes(z.to(one.log_var.dtype))) for one in (single, exact))
+    np.testing.assert_allclose(beta.detach(), true_beta.detach(), rtol=1e-4)
 
 
 def test_parameters_keep_the_covariance_below_the_variance_wherever_the_optimiser_goes():

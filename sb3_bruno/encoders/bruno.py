@@ -2,7 +2,7 @@
 
     y = (r, s', eps), x = (s, a), z = flow(y | x), theta ~ N(0, rho), z_i | theta ~ N(theta, v - rho)
 
-or, where the reward alone is modelled, y = (r, eps) and x = (s, a, s')
+or, where the reward alone is modelled, y = (r, eps) and x = (s, a, s'); or with a Student-t process for the Gaussian;
 
 so the transitions seen so far give an exact Gaussian belief over theta, whatever their order.
 """
@@ -11,21 +11,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Literal
+from functools import partial
+from typing import Any, Literal, get_args
 
 import torch as th
 from torch import Tensor
-from torch.distributions import Normal
+from torch.distributions import Distribution
 from zuko.lazy import Flow
 
 from sb3_bruno.encoders.base import Outcomes, Statistics, TaskEncoder, Transitions
 from sb3_bruno.exchangeable import ExchangeableGaussian
 from sb3_bruno.exchangeable import Statistics as LatentStatistics
+from sb3_bruno.exchangeable_t import ExchangeableStudentT
 from sb3_bruno.flow import ConditionalFlow, Latents
 from sb3_bruno.standardize import Standardize
 
 NOISE_ENTROPY = 0.5 * math.log(2 * math.pi * math.e)
 """Entropy of one standard normal noise dimension, in nats."""
+
+PROCESSES: dict[str, Callable[[int], ExchangeableGaussian]] = {
+    "gaussian": ExchangeableGaussian,
+    "student_t": ExchangeableStudentT,
+    "shared_student_t": partial(ExchangeableStudentT, shared_scale=True),
+}
+"""Processes that a configuration file can name."""
+
+Objective = Literal["paper", "holdout", "prequential"]
 
 
 class BrunoEncoder(TaskEncoder):
@@ -45,8 +56,13 @@ class BrunoEncoder(TaskEncoder):
         ``sb3_bruno.flow.FLOWS``: ``"paper_maf"``, or ``"reflected_maf"`` where what speaks for a task at one x speaks
         against it at another (a direction: the reward's sign turns with the velocity's)
     :param flow_kwargs: further arguments of ``flow_class``
+    :param process: the process in the latent space: ``"gaussian"``, or ``"student_t"`` where the belief's variance
+        should depend on the data; ``"shared_student_t"`` has one scale for all latent dimensions
+    :param objective: which transitions of a sequence are scored given which: ``"paper"``, ``"holdout"`` or
+        ``"prequential"``, see ``bound``
     :param belief: what actor and critics see of the posterior: ``"mean_var"`` or ``"mean"``
-    :raises ValueError: if ``modelled`` or ``belief`` is none of the above, or ``extra_dims`` is negative
+    :raises ValueError: if ``modelled``, ``process``, ``objective`` or ``belief`` is none of the above, or
+        ``extra_dims`` is negative
     """
 
     def __init__(
@@ -59,13 +75,19 @@ class BrunoEncoder(TaskEncoder):
         extra_dims: int | None = None,
         flow_class: str | Callable[..., Flow] = "paper_maf",
         flow_kwargs: dict[str, Any] | None = None,
+        process: str = "gaussian",
+        objective: Objective = "paper",
         belief: Literal["mean_var", "mean"] = "mean_var",
     ) -> None:
         super().__init__()
-        if modelled not in ("rewards", "next_observations", "both"):
-            raise ValueError(f"`modelled` must be 'rewards', 'next_observations' or 'both', got {modelled!r}.")
-        if belief not in ("mean_var", "mean"):
-            raise ValueError(f"`belief` must be 'mean_var' or 'mean', got {belief!r}.")
+        for name, value, known in (
+            ("modelled", modelled, ("rewards", "next_observations", "both")),
+            ("process", process, PROCESSES),
+            ("objective", objective, get_args(Objective)),
+            ("belief", belief, ("mean_var", "mean")),
+        ):
+            if value not in known:
+                raise ValueError(f"`{name}` must be one of {', '.join(map(repr, known))}, got {value!r}.")
         if condition_on_next and modelled != "rewards":
             raise ValueError(f"`condition_on_next=True` needs `modelled='rewards'`, got {modelled!r}: s' is modelled.")
         if extra_dims is None:
@@ -75,6 +97,7 @@ class BrunoEncoder(TaskEncoder):
         self._reward_dim = 0 if modelled == "next_observations" else 1
         self._next_observation_dim = 0 if modelled == "rewards" else observation_dim
         self._condition_on_next = condition_on_next
+        self._objective = objective
         self._belief = belief
         self.noise_dim = extra_dims
         self.latent_dim = self._reward_dim + self._next_observation_dim + extra_dims
@@ -83,7 +106,7 @@ class BrunoEncoder(TaskEncoder):
         self.standardize_x = Standardize(context_dim)
         self.standardize_y = Standardize(self.latent_dim - extra_dims)
         self.flow = ConditionalFlow(self.latent_dim, context_dim, flow_class, flow_kwargs)
-        self.process = ExchangeableGaussian(self.latent_dim)
+        self.process = PROCESSES[process](self.latent_dim)
 
     def latents(self, transitions: Transitions, noise: Tensor | None = None) -> Tensor:
         """z = flow(y | x) of each transition, x and y standardised.
@@ -124,7 +147,7 @@ class BrunoEncoder(TaskEncoder):
     def prefixes(self, transitions: Transitions, noise: Tensor | None = None) -> Statistics:
         return self.process.prefixes(self.latents(transitions, noise))
 
-    def posterior(self, statistics: Statistics) -> Normal:
+    def posterior(self, statistics: Statistics) -> Distribution:
         return self.process.posterior(LatentStatistics(*statistics))
 
     def belief(self, statistics: Statistics) -> Tensor:
@@ -132,23 +155,38 @@ class BrunoEncoder(TaskEncoder):
         return theta.mean if self._belief == "mean" else th.cat([theta.mean, theta.variance], dim=-1)
 
     def bound(self, transitions: Transitions) -> Tensor:
-        r"""Eq. 4: every transition of a sequence under the predictive given its first k, the k included.
+        r"""The log-density of a sequence of T transitions, per transition, by one of three objectives.
+
+        - ``"paper"``, Eq. 4: every transition given the first k, the k included
+        - ``"holdout"``: those after the first k, given the first k
+        - ``"prequential"``: every transition given those before it; their sum is the exact joint evidence
 
         .. math:: \frac{1}{T} \sum_t \log p(y_t, \epsilon_t \mid x_t, \tau_{1:k}) + H(\epsilon), \quad
             k \sim U\{T/4, \dots, 3T/4 - 1\} \text{ once per batch}
 
         The entropy H of the noise makes it a lower bound on log p(y | x, context), constant included.
+
+        :raises ValueError: if the objective is ``"holdout"`` and there is but one transition
         """
         if self.training:
             self.standardize_x.update(self._x(transitions))
             self.standardize_y.update(self._y(transitions))
-        time = transitions.rewards.shape[-2]
         z, log_det = self.latents_and_log_det(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
-        k = int(th.randint(max(time // 4, 1), max(3 * time // 4, 2), ()))
-        predictive = self.process.predictive(self.process.statistics(z[..., :k, :]))
-        log_z = Normal(predictive.mean.unsqueeze(-2), predictive.stddev.unsqueeze(-2), False).log_prob(z)
-        nats: Tensor = log_z.sum(dim=-1) + log_det + self.noise_dim * NOISE_ENTROPY
+        log_z = self._log_latents(z)
+        nats: Tensor = log_z + log_det[..., -log_z.shape[-1] :] + self.noise_dim * NOISE_ENTROPY
         return nats.mean()
+
+    def _log_latents(self, z: Tensor) -> Tensor:
+        """The log-density of the latents that the objective scores. z: (..., time, dim) -> (..., time scored)"""
+        time = z.shape[-2]
+        if self._objective == "prequential":
+            before = LatentStatistics(*(one[..., :-1, :] for one in self.process.prefixes(z)))
+            return self.process.log_predictive(before, z)
+        if time < 2 and self._objective == "holdout":
+            raise ValueError(f"`sequence_length` is {time}: the holdout objective needs 2 or more, some to hold out.")
+        k = int(th.randint(max(time // 4, 1), max(3 * time // 4, 2), ()))
+        context = LatentStatistics(*(one.unsqueeze(-2) for one in self.process.statistics(z[..., :k, :])))
+        return self.process.log_predictive(context, z[..., k:, :] if self._objective == "holdout" else z)
 
     def outcomes(
         self,
@@ -167,7 +205,7 @@ class BrunoEncoder(TaskEncoder):
                     "the action led. Pass it, or train with `condition_on_next=False`."
                 )
             given.append(next_observations)
-        z = self.process.predictive(LatentStatistics(*statistics)).sample(th.Size([n_samples]))
+        z = self.process.sample(LatentStatistics(*statistics), n_samples)
         x = self.standardize_x(th.cat(given, dim=-1)).expand(n_samples, *observations.shape[:-1], -1)
         y = self.standardize_y.inverse(self.flow.inverse(z, x)[..., : self.latent_dim - self.noise_dim])
         rewards, arrivals = y.split([self._reward_dim, self._next_observation_dim], dim=-1)
