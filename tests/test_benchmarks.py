@@ -27,3 +27,11 @@ def test_belief_sharpness_prints_shares_of_both_sets():
     trained_on, others = last.split("|")
     assert last.split()[0] == "20"
     assert all(0 <= float(share) <= 1 for share in (*trained_on.split()[2:], *others.split()))
+
+
+def test_belief_choices_writes_a_row_for_every_choice(tmp_path):
+    short = ["--transitions", "2000", "--updates", "2", "--seeds", "1", "2", "--out", str(tmp_path)]
+    run("belief_choices.py", *short)
+    runs = json.loads((tmp_path / "belief_choices.json").read_text())["runs"]
+    assert len(runs) == 2 * 3 * 3 * 2
+    assert (tmp_path / "belief_choices.md").read_text().count("| shared_student_t |") == 6

@@ -171,22 +171,23 @@ class BrunoEncoder(TaskEncoder):
         if self.training:
             self.standardize_x.update(self._x(transitions))
             self.standardize_y.update(self._y(transitions))
-        z, log_det = self.latents_and_log_det(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
-        log_z = self._log_latents(z)
-        nats: Tensor = log_z + log_det[..., -log_z.shape[-1] :] + self.noise_dim * NOISE_ENTROPY
-        return nats.mean()
-
-    def _log_latents(self, z: Tensor) -> Tensor:
-        """The log-density of the latents that the objective scores. z: (..., time, dim) -> (..., time scored)"""
-        time = z.shape[-2]
         if self._objective == "prequential":
-            before = LatentStatistics(*(one[..., :-1, :] for one in self.process.prefixes(z)))
-            return self.process.log_predictive(before, z)
+            return self.one_step_bounds(transitions).mean()
+        time = transitions.rewards.shape[-2]
         if time < 2 and self._objective == "holdout":
             raise ValueError(f"`sequence_length` is {time}: the holdout objective needs 2 or more, some to hold out.")
         k = int(th.randint(max(time // 4, 1), max(3 * time // 4, 2), ()))
+        first_scored = k if self._objective == "holdout" else 0
+        z, log_det = self.latents_and_log_det(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
         context = LatentStatistics(*(one.unsqueeze(-2) for one in self.process.statistics(z[..., :k, :])))
-        return self.process.log_predictive(context, z[..., k:, :] if self._objective == "holdout" else z)
+        log_z = self.process.log_predictive(context, z[..., first_scored:, :])
+        return (log_z + log_det[..., first_scored:]).mean() + self.noise_dim * NOISE_ENTROPY
+
+    def one_step_bounds(self, transitions: Transitions) -> Tensor:
+        """A lower bound on log p(y_t | x_t, those before it) at every step, in nats: (..., time, dim) -> (..., time)"""
+        z, log_det = self.latents_and_log_det(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
+        before = LatentStatistics(*(one[..., :-1, :] for one in self.process.prefixes(z)))
+        return self.process.log_predictive(before, z) + log_det + self.noise_dim * NOISE_ENTROPY
 
     def outcomes(
         self,

@@ -1,0 +1,114 @@
+"""Which process, objective and conditioning give the better belief: the encoder alone, on data of a fixed behaviour.
+
+    python benchmarks/belief_choices.py --out docs/results
+
+Trains BRUNO on transitions of random actions under the training tasks of CheetahVel-v0, every choice with every other
+and with the same data and the same number of updates, and tests it on the test tasks: the bound in nats per
+transition, each given those before it (which is the same quantity whatever the objective was), and how much of the
+variance of the task a linear read-out of the posterior mean explains after 1, 10 and 40 transitions. Prints a row per
+choice, median and range over the seeds, and saves every number as JSON.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import sys
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import torch as th
+from stable_baselines3.common.env_util import make_vec_env
+
+from sb3_bruno import BrunoEncoder, BrunoSAC, TaskReplayBuffer
+from sb3_bruno.encoders.bruno import PROCESSES, Objective
+from sb3_bruno.evaluation import library_versions
+
+CONTEXTS = (1, 10, 40)
+N_SEQUENCES = 400
+ENV = "sb3_bruno_envs:CheetahVel-v0"
+
+
+def random_transitions(n: int, seed: int, split: str) -> TaskReplayBuffer:
+    """So many transitions of random actions, ten envs."""
+    env = make_vec_env(ENV, 10, seed=seed, env_kwargs={"split": split})
+    return BrunoSAC("MlpPolicy", env, seed=seed, learning_starts=n + 1, buffer_size=n).learn(n).replay_buffer
+
+
+def train(choice: dict[str, Any], buffer: TaskReplayBuffer, n_updates: int, learning_rate: float) -> BrunoEncoder:
+    """An encoder of the cheetah configs, but for ``choice``."""
+    encoder = BrunoEncoder(17, 6, flow_class="reflected_maf", extra_dims=1, **choice)
+    optimizer = th.optim.Adam(encoder.parameters(), lr=learning_rate)
+    for _ in range(n_updates):
+        bound = encoder.bound(buffer.sample_sequences(16))
+        optimizer.zero_grad()
+        (-bound).backward()
+        optimizer.step()
+    return encoder.eval()
+
+
+@th.no_grad()
+def test(encoder: BrunoEncoder, buffer: TaskReplayBuffer) -> dict[str, float]:
+    """The bound per transition, and the share of the task's variance explained: half fits the read-out, half tests."""
+    slots, tasks = buffer.exchangeable_slots(N_SEQUENCES)
+    transitions = buffer.transitions(slots[:, : CONTEXTS[-1]])
+    found = {"nats": float(encoder.one_step_bounds(transitions).mean())}
+    prefixes = encoder.prefixes(transitions)
+    half = N_SEQUENCES // 2
+    for n in CONTEXTS:
+        mean = encoder.posterior(tuple(one[:, n] for one in prefixes)).mean.numpy()
+        inputs = np.c_[mean, np.ones(N_SEQUENCES)]
+        weights, *_ = np.linalg.lstsq(inputs[:half], tasks[:half])
+        found[f"explained after {n}"] = float(1 - (inputs[half:] @ weights - tasks[half:]).var() / tasks[half:].var())
+    return found
+
+
+def main() -> None:
+    """Parse the command line, train and test every choice with every seed."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--transitions", type=int, default=40_000)
+    parser.add_argument("--updates", type=int, default=1_000)
+    parser.add_argument("--learning-rate", type=float, default=2e-3)
+    parser.add_argument("--out", type=Path, help="folder for belief_choices.json and belief_choices.md")
+    options = parser.parse_args()
+    th.set_num_threads(1)
+    columns = ["nats", *(f"explained after {n}" for n in CONTEXTS)]
+    lines = [
+        "| conditioned on | process | objective | " + " | ".join(columns) + " |",
+        "|---" * (3 + len(columns)) + "|",
+    ]
+    print("\n".join(lines), flush=True)
+    data = {
+        seed: tuple(random_transitions(options.transitions, seed, split) for split in ("train", "test"))
+        for seed in options.seeds
+    }
+    runs = []
+    for on_next, process, objective in itertools.product((False, True), PROCESSES, get_args(Objective)):
+        choice = {"condition_on_next": on_next, "process": process, "objective": objective}
+        tested = []
+        for seed, (seen, unseen) in data.items():
+            th.manual_seed(seed)
+            tested.append(test(train(choice, seen, options.updates, options.learning_rate), unseen))
+            runs.append({**choice, "seed": seed, **tested[-1]})
+        values = ([one[column] for one in tested] for column in columns)
+        cells = [f"{np.median(column):.3f} ({min(column):.3f} to {max(column):.3f})" for column in values]
+        lines.append(
+            f"| {'(s, a, s_next)' if on_next else '(s, a)'} | {process} | {objective} | " + " | ".join(cells) + " |"
+        )
+        print(lines[-1], flush=True)
+    if options.out:
+        options.out.mkdir(parents=True, exist_ok=True)
+        about = {"command": " ".join(["python", *sys.argv]), "versions": library_versions()}
+        lines += [
+            "",
+            f"Median (least to greatest) over seeds {options.seeds}. Made by `{about['command']}`, {about['versions']}.",
+        ]
+        (options.out / "belief_choices.md").write_text("\n".join(lines) + "\n")
+        (options.out / "belief_choices.json").write_text(json.dumps({**about, "runs": runs}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
