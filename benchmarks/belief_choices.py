@@ -104,7 +104,8 @@ def main() -> None:
         about = {"command": " ".join(["python", *sys.argv]), "versions": library_versions()}
         lines += [
             "",
-            f"Median (least to greatest) over seeds {options.seeds}. Made by `{about['command']}`, {about['versions']}.",
+            f"Median (least to greatest) over seeds {options.seeds}.",
+            f"Made by `{about['command']}`, {about['versions']}.",
         ]
         (options.out / "belief_choices.md").write_text("\n".join(lines) + "\n")
         (options.out / "belief_choices.json").write_text(json.dumps({**about, "runs": runs}, indent=1) + "\n")
