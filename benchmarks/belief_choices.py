@@ -34,7 +34,9 @@ ENV = "sb3_bruno_envs:CheetahVel-v0"
 def random_transitions(n: int, seed: int, split: str) -> TaskReplayBuffer:
     """So many transitions of random actions, ten envs."""
     env = make_vec_env(ENV, 10, seed=seed, env_kwargs={"split": split})
-    return BrunoSAC("MlpPolicy", env, seed=seed, learning_starts=n + 1, buffer_size=n).learn(n).replay_buffer
+    kwargs = {"sequence_length": CONTEXTS[-1]}
+    model = BrunoSAC("MlpPolicy", env, seed=seed, learning_starts=n + 1, buffer_size=n, replay_buffer_kwargs=kwargs)
+    return model.learn(n).replay_buffer
 
 
 def train(choice: dict[str, Any], buffer: TaskReplayBuffer, n_updates: int, learning_rate: float) -> BrunoEncoder:
@@ -42,7 +44,7 @@ def train(choice: dict[str, Any], buffer: TaskReplayBuffer, n_updates: int, lear
     encoder = BrunoEncoder(17, 6, flow_class="reflected_maf", extra_dims=1, **choice)
     optimizer = th.optim.Adam(encoder.parameters(), lr=learning_rate)
     for _ in range(n_updates):
-        bound = encoder.bound(buffer.sample_sequences(16))
+        bound = encoder.bound(buffer.sample_sequences(8))
         optimizer.zero_grad()
         (-bound).backward()
         optimizer.step()
@@ -53,7 +55,7 @@ def train(choice: dict[str, Any], buffer: TaskReplayBuffer, n_updates: int, lear
 def test(encoder: BrunoEncoder, buffer: TaskReplayBuffer) -> dict[str, float]:
     """The bound per transition, and the share of the task's variance explained: half fits the read-out, half tests."""
     slots, tasks = buffer.exchangeable_slots(N_SEQUENCES)
-    transitions = buffer.transitions(slots[:, : CONTEXTS[-1]])
+    transitions = buffer.transitions(slots)
     found = {"nats": float(encoder.one_step_bounds(transitions).mean())}
     prefixes = encoder.prefixes(transitions)
     half = N_SEQUENCES // 2
@@ -70,7 +72,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--transitions", type=int, default=40_000)
-    parser.add_argument("--updates", type=int, default=1_000)
+    parser.add_argument("--updates", type=int, default=800)
     parser.add_argument("--learning-rate", type=float, default=2e-3)
     parser.add_argument("--out", type=Path, help="folder for belief_choices.json and belief_choices.md")
     options = parser.parse_args()

@@ -1,4 +1,4 @@
-"""The rewards a model earned on given tasks, and what can be read from them; knows numpy and JSON only."""
+"""The rewards a model earned on given tasks, and what can be read from them; knows numpy, JSON and rliable only."""
 
 from __future__ import annotations
 
@@ -7,20 +7,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sb3_bruno.interquartile import Interval, interquartile_mean
+
 Floats = NDArray[np.float64]
-
-
-class Interval(NamedTuple):
-    """A point estimate and its confidence interval, in the unit of the estimate."""
-
-    value: float
-    low: float
-    high: float
 
 
 def task_label(task: ArrayLike) -> str:
@@ -88,23 +82,10 @@ class AdaptationResult:
     def iqm(self, horizon: int | None = None, *, n_resamples: int = 2_000, seed: int = 0) -> Interval:
         """The interquartile mean over all episodes of all tasks, with its 95 % interval, by rliable.
 
-        The interval is the percentile bootstrap, stratified by task, of Agarwal et al. (2021,
-        arXiv:2108.13264). It says how sure these episodes make us about this model on these tasks, not how
-        other training seeds would fare. Needs the ``plots`` extra.
+        The interval says how sure these episodes make us about this model on these tasks, not how other training
+        seeds would fare. Needs the ``plots`` extra.
         """
-        from rliable import library, metrics
-
-        state = np.random.get_state()  # noqa: NPY002  # rliable draws from it whatever it is passed
-        np.random.seed(seed)  # noqa: NPY002
-        try:
-            values, intervals = library.get_interval_estimates(
-                {"": self.returns(horizon).T},
-                lambda scores: np.array([metrics.aggregate_iqm(scores)]),
-                reps=n_resamples,
-            )
-        finally:
-            np.random.set_state(state)  # noqa: NPY002
-        return Interval(float(values[""][0]), *map(float, intervals[""][:, 0]))
+        return interquartile_mean(self.returns(horizon).T, n_resamples=n_resamples, seed=seed)
 
     def mean_rewards(self) -> Floats:
         """The reward at each step, ``(n_tasks, horizon)``: the mean of the episodes still running, or NaN."""

@@ -54,14 +54,13 @@ def plot_adaptation(results: Mapping[str, AdaptationResult], path: str | Path) -
     tasks = next(iter(results.values())).tasks
     shared = all(np.array_equal(result.tasks, tasks) for result in results.values())
     pooled = not shared or len(tasks) > _MAX_PANELS
-    figure, panels = _panels([_pooled_title(tasks)] if pooled else [_task_title(task) for task in tasks])
-    for number, panel in enumerate(panels):
+    panels: dict[str, dict[str, Band]] = {}
+    for number, title in enumerate([_pooled_title(tasks)] if pooled else map(_task_title, tasks)):
         rows = slice(None) if pooled else slice(number, number + 1)
-        for (name, result), color in zip(results.items(), cycle(_COLORS), strict=False):
-            mean_return = result.mean_return()[rows].mean()
-            _draw(panel, adaptation_band(result, rows), f"{name}, return {mean_return:.1f}", color)
-    _label(figure, panels, "environment step", "reward", "Line: mean. Band: lowest to highest episode.")
-    figure.savefig(path, dpi=150)
+        for name, result in results.items():
+            legend = f"{name}, return {result.mean_return()[rows].mean():.1f}"
+            panels.setdefault(title, {})[legend] = adaptation_band(result, rows)
+    plot_bands(panels, path, "environment step", "reward", "Line: mean. Band: lowest to highest episode.")
 
 
 def plot_learning_curves(
@@ -90,15 +89,43 @@ def plot_learning_curves(
     every_task = [run.tasks.reshape(-1, run.tasks.shape[-1]) for runs in methods.values() for run in runs]
     tasks = np.unique(np.concatenate(every_task), axis=0)  # (n_tasks, task_dim)
     pooled = len(tasks) > _MAX_PANELS
-    figure, panels = _panels([_pooled_title(tasks)] if pooled else [_task_title(task) for task in tasks])
     several = max(len(runs) for runs in methods.values()) > 1
-    for panel, task in zip(panels, [None] if pooled else tasks, strict=True):
-        for (name, runs), color in zip(methods.items(), cycle(_COLORS), strict=False):
-            _draw(panel, learning_band(name, runs, task, over_runs=several), name, color)
+    panels: dict[str, dict[str, Band]] = {}
+    levels: dict[str, float] = {}
+    for task in [None] if pooled else tasks:
+        title = _pooled_title(tasks) if task is None else _task_title(task)
+        panels[title] = {name: learning_band(name, runs, task, over_runs=several) for name, runs in methods.items()}
         if oracle is not None:
-            panel.axhline(_oracle_return(oracle, task), color=_INK, linestyle=(0, (5, 3)), label="oracle")
-    band = f"Line: mean. Band: lowest to highest {'run' if several else 'episode'}."
-    _label(figure, panels, "environment steps of training", "test return", band)
+            levels[title] = _oracle_return(oracle, task)
+    note = f"Line: mean. Band: lowest to highest {'run' if several else 'episode'}."
+    plot_bands(panels, path, "environment steps of training", "test return", note, levels)
+
+
+def plot_bands(
+    panels: Mapping[str, Mapping[str, Band]],
+    path: str | Path,
+    x: str,
+    y: str,
+    note: str,
+    levels: Mapping[str, float] | None = None,
+) -> None:
+    """Draw lines with the range around each, in panels side by side.
+
+    Args:
+        panels: by title, the bands by the name to show in the legend.
+        path: the image to write; its suffix chooses the format.
+        x: name of the horizontal axis.
+        y: name of the vertical axis.
+        note: what line and band are, written below.
+        levels: by title, the oracle's return, a dashed line.
+    """
+    figure, axes = _panels(list(panels))
+    for (title, bands), panel in zip(panels.items(), axes, strict=True):
+        for (name, band), color in zip(bands.items(), cycle(_COLORS), strict=False):
+            _draw(panel, band, name, color)
+        if levels:
+            panel.axhline(levels[title], color=_INK, linestyle=(0, (5, 3)), label="oracle")
+    _label(figure, axes, x, y, note)
     figure.savefig(path, dpi=150)
 
 

@@ -9,12 +9,10 @@ A run that was interrupted goes on from its checkpoint when the same command is 
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
 import torch as th
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -73,18 +71,16 @@ def run(steps: int, seed: int, folder: Path) -> AdaptationResult:
         lambda: gym.make(ENV_ID, split="test", max_episode_steps=TEST_STEPS),
         CHEETAH_DIR_TASKS.tasks("test"),
         n_episodes=TEST_EPISODES,
-        config={"env": "CheetahDir-v0", "algo": "BrunoSAC", "env_steps": steps, "seed": seed, **HYPERPARAMETERS},
+        config={"env": "CheetahDir-v0", "algo": "bruno_sac", "env_steps": steps, "seed": seed, **HYPERPARAMETERS},
     )
     result.save(folder / "adaptation.json")
     plot_adaptation({"BrunoSAC": result}, folder / "adaptation.png")
     plot_learning_curves({"BrunoSAC": [load_learning_curve(folder)]}, folder / "learning_curve.png")
-    report = describe(result)
-    (folder / "summary.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
     print(result.summary())
     print(f"Tasks are one-hot: 1_0 is backward, 0_1 is forward. Results in {folder.resolve()}:")
     print("  model.zip           the agent: BrunoSAC.load(...)")
     print("  adaptation.png      reward per env step in each direction: how fast it works out which way to run")
-    print("  learning_curve.png  test return while training; adaptation.json, summary.json: the numbers")
+    print("  learning_curve.png  test return while training; adaptation.json: the numbers")
     return result
 
 
@@ -111,21 +107,6 @@ def train(steps: int, seed: int, folder: Path) -> OffPolicyAlgorithm:
     if remaining > 0:
         model.learn(remaining, callbacks, reset_num_timesteps=False, progress_bar=True)
     return model
-
-
-def describe(result: AdaptationResult) -> dict[str, Any]:
-    """The numbers of a results table, as JSON."""
-    backward, forward = result.mean_return().tolist()
-    interval = result.iqm()
-    return {
-        "return_1000": {"mean": float(np.mean([backward, forward])), "backward": backward, "forward": forward},
-        "return_200": dict(zip(("backward", "forward"), result.mean_return(200).tolist(), strict=True)),
-        "lowest_episode_1000": float(result.returns().min()),
-        "iqm_1000": interval._asdict(),
-        "steps_to_steady": result.steps_to_steady().tolist(),
-        "config": result.config,
-        "versions": result.versions,
-    }
 
 
 if __name__ == "__main__":

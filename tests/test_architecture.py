@@ -9,8 +9,8 @@ import yaml
 
 ROOT = Path(__file__).parents[1]
 FLOORS = [
-    {"autoregression", "exchangeable", "reflection", "standardize", "adaptation_result", "env_state", "task_index"},
-    {"flow"},
+    {"autoregression", "exchangeable", "reflection", "standardize", "env_state", "interquartile", "task_index"},
+    {"exchangeable_t", "flow", "adaptation_result"},
     {"encoders.base"},
     {"encoders.bruno"},
     {"encoders"},
@@ -22,9 +22,9 @@ FLOORS = [
     {""},  # the package's face
     {"eval_callback", "evaluation", "video"},
     {"plotting"},
-    {"quickstart", "report"},
+    {"quickstart", "record"},
     {"zoo.mistake", "zoo.parser", "zoo.registry"},
-    {"zoo.evaluate", "zoo.experiment", "zoo.sampler"},
+    {"zoo.evaluate", "zoo.report", "zoo.experiment", "zoo.sampler"},
     {"zoo.sweep"},
     {"zoo.sweep_commands"},
     {"zoo.cli"},
@@ -33,6 +33,7 @@ FLOORS = [
 FLOOR = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 KNOWS = {  # beyond the standard library, numpy and each other
     "exchangeable": {"torch"},
+    "exchangeable_t": {"torch"},
     "autoregression": {"torch", "zuko"},
     "reflection": {"torch", "zuko"},
     "flow": {"torch", "zuko"},

@@ -1,12 +1,11 @@
 """The main job, in small: it trains, goes on after an interruption, tests both directions, saves, reports."""
 
-import json
-
 import pytest
 
-from sb3_bruno import BrunoSAC, quickstart, report
+from sb3_bruno import BrunoSAC, quickstart
 from sb3_bruno.adaptation_result import AdaptationResult
 from sb3_bruno.eval_callback import load_learning_curve
+from sb3_bruno.record import Record
 
 pytestmark = pytest.mark.mujoco
 
@@ -31,16 +30,9 @@ def test_it_trains_tests_saves_and_says_so(tmp_path, capsys):
     assert BrunoSAC.load(folder / "model.zip").num_timesteps == 80
     assert AdaptationResult.load(folder / "adaptation.json").rewards.shape == (2, 1, 210)
     assert load_learning_curve(folder).timesteps.tolist() == [40, 80]
-    summary = json.loads((folder / "summary.json").read_text())
-    assert summary["config"]["seed"] == 3 and summary["versions"]["torch"]
     for name in ("adaptation.png", "learning_curve.png"):
         assert (folder / name).stat().st_size > 10_000
-
-    report.main([str(folder), "--out", str(tmp_path / "results")])
-    table = (tmp_path / "results" / "table.md").read_text()
-    assert f"| 3 | 80 | {summary['return_1000']['mean']:.0f} |" in table
-    report.main([str(tmp_path / "results" / folder.name), "--out", str(tmp_path / "results")])  # from the record
-    assert (tmp_path / "results" / "table.md").read_text() == table
+    assert Record.from_run(folder).about["config"]["seed"] == 3  # what a results page asks for is there
 
 
 def test_the_same_command_goes_on_where_it_was_interrupted(tmp_path, capsys, monkeypatch):
@@ -60,6 +52,3 @@ def test_mistakes_are_one_line(tmp_path, capsys):
     with pytest.raises(SystemExit):
         quickstart.main(["--steps", "-5"])
     assert "--steps must be positive, got -5" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        report.main([str(tmp_path / "none")])
-    assert "give folders of finished runs" in capsys.readouterr().err

@@ -17,6 +17,7 @@ from sb3_bruno.zoo.experiment import CHECKPOINT, COMMAND, TaskExperiment
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.parser import command_parser
 from sb3_bruno.zoo.registry import register
+from sb3_bruno.zoo.report import report
 from sb3_bruno.zoo.sweep_commands import sweep
 
 DEFAULTS = {"--algo": "bruno_sac", "--env": "CheetahDir-v0"}
@@ -84,6 +85,7 @@ COMMANDS: dict[str, Callable[[Arguments], None]] = {
     "sweep": sweep,
     "evaluate": evaluate,
     "plot": plot,
+    "report": report,
 }
 USAGE = "usage: sb3-bruno COMMAND ...\n\ncommands (each with its own --help):\n" + "\n".join(
     f"  {name:<14}{(command.__doc__ or '').splitlines()[0]}" for name, command in COMMANDS.items()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import pandas as pd
 import rl_zoo3
 import torch as th
 import yaml
@@ -68,7 +70,14 @@ def evaluate(arguments: list[str]) -> None:
         n_episodes=options.episodes,
         seed=options.seed,
         vec_normalize=vec_normalize,
-        config={"algo": options.algo, "env": env_name.gym_id, "env_steps": model.num_timesteps, "seed": model.seed},
+        config={
+            "algo": options.algo,
+            **_given(Path(log_path) / env_name),
+            "env": env_name.gym_id,
+            "env_steps": model.num_timesteps,
+            "seed": model.seed,
+            "wall_seconds": training_seconds(Path(log_path)),
+        },
     )
     out = options.out or Path(log_path)
     out.mkdir(parents=True, exist_ok=True)
@@ -124,10 +133,42 @@ def _tasks(make_env: Callable[[], gym.Env[Any, Any]], split: str) -> NDArray[np.
 
 def _env_kwargs(params: Path) -> dict[str, Any]:
     """What the run's environment was made with, by config and command line."""
-    hyperparams, _ = get_saved_hyperparams(str(params))
+    return {**_hyperparams(params).get("env_kwargs", {}), **(_arguments(params)["env_kwargs"] or {})}
+
+
+def _given(params: Path) -> dict[str, Any]:
+    """What tells the run from others: the config that it chose, what went over it, and all hyperparameters."""
+    arguments = _arguments(params)
+    chosen = {
+        "conf": arguments["conf_file"],
+        "params": dict(arguments["hyperparams"] or {}),
+        "hyperparameters": dict(_hyperparams(params)),
+    }
+    as_json: dict[str, Any] = json.loads(json.dumps(chosen, default=str))
+    return as_json
+
+
+def _hyperparams(params: Path) -> dict[str, Any]:
+    hyperparams: dict[str, Any] = get_saved_hyperparams(str(params))[0]
+    return hyperparams
+
+
+def _arguments(params: Path) -> dict[str, Any]:
     with open(params / "args.yml", encoding="utf-8") as file:
-        given = yaml.unsafe_load(file)["env_kwargs"]  # rl_zoo3 wrote an OrderedDict
-    return {**hyperparams.get("env_kwargs", {}), **(given or {})}
+        arguments: dict[str, Any] = yaml.unsafe_load(file)  # rl_zoo3 wrote an OrderedDict
+    return arguments
+
+
+def training_seconds(run: Path) -> float | None:
+    """How long a run has trained, by the clock of its monitor file; None without one.
+
+    Where a run was resumed the clock starts again: what lay between is not counted.
+    """
+    if not (run / "0.monitor.csv").is_file():
+        return None
+    seconds = pd.read_csv(run / "0.monitor.csv", comment="#")["t"].to_numpy(dtype=np.float64)
+    ends = np.append(seconds[1:] < seconds[:-1], True)  # the last episode of each part
+    return float(seconds[ends].sum())
 
 
 def _vec_normalize(params: Path, make_env: Any) -> VecNormalize | None:

@@ -1,0 +1,127 @@
+"""What is kept of a finished run: its settings, its learning curve and its final test, as JSON and CSV.
+
+A few kilobytes per run, from which every table and figure of a results page is made.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from sb3_bruno.adaptation_result import AdaptationResult, task_label
+from sb3_bruno.eval_callback import LearningCurve, load_learning_curve
+
+HORIZONS = (200, 1_000)
+"""Steps after which the returns of the final test are kept: the paper's for curves and for the final test."""
+
+_ABOUT, _CURVE, _EPISODES, _REWARDS = "run.json", "learning_curve.csv", "episodes.csv", "rewards.csv"
+_MAX_TASKS = 4  # whose rewards are kept for each; of more, together
+
+
+class Record(NamedTuple):
+    """One run.
+
+    Attributes:
+        about: config (algo, env, env_steps, seed, ...), versions, and the steps to 90 % of each task's steady reward.
+        learning: the test return of every episode while training: timesteps, task, return.
+        episodes: the final test: task, episode, return_200 and return_1000, as far as it was tested.
+        rewards: the final test: task (or "all"), step, and mean, lowest and highest reward over the episodes.
+    """
+
+    about: dict[str, Any]
+    learning: pd.DataFrame
+    episodes: pd.DataFrame
+    rewards: pd.DataFrame
+
+    @property
+    def method(self) -> str:
+        """What the run is called in tables and figures: its algorithm, and what was chosen against its config."""
+        config = self.about["config"]
+        chosen = [config["conf"]] if config.get("conf") else []
+        chosen += [f"{name}={value}" for name, value in config.get("params", {}).items()]
+        return f"{config['algo']} ({', '.join(chosen)})" if chosen else str(config["algo"])
+
+    def save(self, folder: str | Path) -> None:
+        """Write the four files."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / _ABOUT).write_text(json.dumps(self.about, indent=1) + "\n", encoding="utf-8")
+        for name, table in ((_CURVE, self.learning), (_EPISODES, self.episodes), (_REWARDS, self.rewards)):
+            table.to_csv(folder / name, index=False, float_format="%.7g", lineterminator="\n")
+
+    @classmethod
+    def load(cls, folder: str | Path) -> Record:
+        """Read what ``save`` wrote."""
+        folder = Path(folder)
+        about = json.loads((folder / _ABOUT).read_text(encoding="utf-8"))
+        read = {"dtype": {"task": str}}
+        return cls(about, *(pd.read_csv(folder / name, **read) for name in (_CURVE, _EPISODES, _REWARDS)))
+
+    @classmethod
+    def from_run(cls, folder: str | Path) -> Record:
+        """What to keep of a run's folder, which holds the curve of TaskEvalCallback and ``adaptation.json``.
+
+        Raises:
+            ValueError: if the folder does not hold them.
+        """
+        folder = Path(folder)
+        result = AdaptationResult.load(folder / "adaptation.json")
+        steps = dict(zip(map(task_label, result.tasks), result.steps_to_steady().tolist(), strict=True))
+        about = {"config": result.config, "versions": result.versions, "test_seed": result.seed, "steps_to_90": steps}
+        return cls(about, _learning(load_learning_curve(folder)), _episodes(result), _rewards(result))
+
+    def scores(self, horizon: int) -> pd.Series[float]:
+        """The mean return of each task over its episodes of the final test, by task."""
+        means: pd.Series[float] = self.episodes.groupby("task", sort=False)[f"return_{horizon}"].mean()
+        return means
+
+
+def _learning(curve: LearningCurve) -> pd.DataFrame:
+    n_episodes = curve.returns.shape[1]
+    return pd.DataFrame(
+        {
+            "timesteps": np.repeat(curve.timesteps, n_episodes),
+            "task": [task_label(task) for row in curve.tasks for task in row],
+            "return": curve.returns.ravel(),
+        }
+    )
+
+
+def _episodes(result: AdaptationResult) -> pd.DataFrame:
+    n_tasks, n_episodes, _ = result.rewards.shape
+    columns: dict[str, Any] = {
+        "task": np.repeat([task_label(task) for task in result.tasks], n_episodes),
+        "episode": np.tile(np.arange(n_episodes), n_tasks),
+    }
+    for horizon in HORIZONS:
+        if horizon <= result.horizon:
+            columns[f"return_{horizon}"] = result.returns(horizon).ravel()
+    return pd.DataFrame(columns)
+
+
+def _rewards(result: AdaptationResult) -> pd.DataFrame:
+    n_tasks, _, horizon = result.rewards.shape
+    if n_tasks > _MAX_TASKS:
+        groups = {"all": result.rewards.reshape(-1, horizon)}
+    else:
+        groups = {task_label(task): rows for task, rows in zip(result.tasks, result.rewards, strict=True)}
+    return pd.concat([_band(name, rows) for name, rows in groups.items()])
+
+
+def _band(name: str, rewards: NDArray[np.float32]) -> pd.DataFrame:
+    """rewards: (n_episodes, horizon), NaN after an episode."""
+    table = pd.DataFrame(rewards.astype(np.float64))
+    return pd.DataFrame(
+        {
+            "task": name,
+            "step": np.arange(1, rewards.shape[1] + 1),
+            "mean": table.mean(),
+            "low": table.min(),
+            "high": table.max(),
+        }
+    )

@@ -1,0 +1,174 @@
+"""A results page from runs: records them, then makes the table and the figures of all that are recorded.
+
+sb3-bruno report logs/*/CheetahDir-v0_* --out docs/results/cheetah_dir
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sb3_bruno.interquartile import interquartile_mean
+from sb3_bruno.plotting import Band, plot_bands
+from sb3_bruno.record import HORIZONS, Record
+from sb3_bruno.zoo.mistake import Mistake
+from sb3_bruno.zoo.parser import command_parser
+
+Methods = dict[str, list[Record]]
+
+
+def report(arguments: list[str]) -> None:
+    """Record runs that were tested by ``evaluate`` and make tables and figures of all that are recorded in a folder.
+
+    example: sb3-bruno report logs/bruno_sac/CheetahDir-v0_* --out results
+    """
+    parser = command_parser("report", report)
+    parser.add_argument("runs", nargs="*", type=Path, help="folders of runs with an adaptation.json")
+    parser.add_argument("--out", type=Path, default=Path("results"), help="where the records and the page are")
+    options = parser.parse_args(arguments)
+    untested = [str(run) for run in options.runs if not (run / "adaptation.json").is_file()]
+    if untested:
+        raise Mistake(f"no adaptation.json in {', '.join(untested)}: test the run by `sb3-bruno evaluate` first")
+    try:
+        for run in options.runs:
+            record = Record.from_run(run)
+            record.save(options.out / _folder_name(record.method) / f"seed{record.about['config']['seed']}")
+    except ValueError as error:
+        raise Mistake(str(error)) from error
+    methods: Methods = {}
+    for path in sorted(options.out.glob("*/*/run.json")):
+        record = Record.load(path.parent)
+        methods.setdefault(record.method, []).append(record)
+    if not methods:
+        raise Mistake(f"{options.out} holds no record and no run was given: give folders of runs that were tested")
+    page = "\n".join([*by_method(methods), "", *by_run(methods), "", *provenance(methods)]) + "\n"
+    (options.out / "table.md").write_text(page, encoding="utf-8")
+    seeds, episodes = ("Line: mean. Band: lowest to highest " + one for one in ("seed.", "episode of all seeds."))
+    curves, rewards = options.out / "learning_curves.png", options.out / "adaptation.png"
+    plot_bands(learning_bands(methods), curves, "environment steps of training", "test return", seeds)
+    plot_bands(reward_bands(methods), rewards, "environment step", "reward", episodes)
+    print(page)
+
+
+def by_method(methods: Methods) -> list[str]:
+    """The interquartile mean over seeds of the mean return over the tasks; the lowest episode of all beside it."""
+    horizons = [horizon for horizon in HORIZONS if all(f"return_{horizon}" in one.episodes for one in _all(methods))]
+    tasks = _few_tasks(methods)
+    columns = [f"{horizon:,} steps" for horizon in horizons] + [f"{horizons[-1]:,} steps, {task}" for task in tasks]
+    lines = _header(["method", "seeds", "env steps", *columns, "lowest episode", "steps to 90 %", "wall minutes"])
+    for name, runs in methods.items():
+        cells = [name, str(len(runs)), f"{_config(runs[0])['env_steps']:,}"]
+        for horizon in horizons:
+            scores = np.array([[run.scores(horizon).mean()] for run in runs])
+            value, low, high = interquartile_mean(scores)
+            cells.append(f"{value:.1f} ({low:.1f} to {high:.1f})" if len(runs) > 1 else f"{value:.1f}")
+        cells += [f"{np.mean([run.scores(horizons[-1])[task] for run in runs]):.0f}" for task in tasks]
+        cells.append(f"{min(run.episodes[f'return_{horizons[-1]}'].min() for run in runs):.0f}")
+        cells.append(f"{np.mean([np.mean(list(run.about['steps_to_90'].values())) for run in runs]):.1f}")
+        cells.append(" / ".join(_minutes(run) for run in runs))
+        lines.append(_row(cells))
+    return lines
+
+
+def by_run(methods: Methods) -> list[str]:
+    """One row per seed: the mean return of the final test, its lowest episode, and the commit that made it."""
+    lines = _header(["run", "seed", *(f"{horizon:,} steps" for horizon in HORIZONS), "lowest episode", "commit"])
+    for name, runs in methods.items():
+        for run in runs:
+            tested = [f"return_{horizon}" for horizon in HORIZONS if f"return_{horizon}" in run.episodes]
+            means = [f"{run.episodes[column].mean():.1f}" if column in tested else "" for column in _columns()]
+            lowest = f"{run.episodes[tested[-1]].min():.1f}"
+            commit = run.about["versions"].get("commit", "?")[:7]
+            lines.append(_row([name, str(_config(run)["seed"]), *means, lowest, commit]))
+    return lines
+
+
+def provenance(methods: Methods) -> list[str]:
+    """What the numbers are, and the versions that made them."""
+    versions = next(iter(_all(methods))).about["versions"]
+    names = ("python", "torch", "stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "zuko")
+    return [
+        "Final test: deterministic, mean over the test tasks; by method the interquartile mean over seeds of that, "
+        "with the 95 % interval of the bootstrap over seeds.",
+        "Versions: " + ", ".join(f"{name} {versions[name]}" for name in names if name in versions) + ".",
+    ]
+
+
+def learning_bands(methods: Methods) -> dict[str, dict[str, Band]]:
+    """By panel and method, the test return while training: the mean over seeds, and their range."""
+    panels: dict[str, dict[str, Band]] = {}
+    tasks = _few_tasks(methods)
+    for task in tasks or [""]:
+        for name, runs in methods.items():
+            curves = [run.learning if not task else run.learning[run.learning["task"] == task] for run in runs]
+            means = pd.concat([one.groupby("timesteps")["return"].mean() for one in curves], axis=1).dropna()
+            panels.setdefault(_title(task, methods), {})[name] = _band(means)
+    return panels
+
+
+def reward_bands(methods: Methods) -> dict[str, dict[str, Band]]:
+    """By panel and method, the reward at each step of the final test: the mean, the lowest and the highest episode."""
+    panels: dict[str, dict[str, Band]] = {}
+    for name, runs in methods.items():
+        pooled = pd.concat([run.rewards for run in runs]).groupby(["task", "step"], sort=False)
+        bands = pooled.agg({"mean": "mean", "low": "min", "high": "max"})
+        for task, band in bands.groupby(level="task", sort=False):
+            x = band.index.get_level_values("step").to_numpy()
+            lines = (band[column].to_numpy() for column in ("mean", "low", "high"))
+            panels.setdefault(_title("" if task == "all" else str(task), methods), {})[name] = Band(x, *lines)
+    return panels
+
+
+def _band(means: pd.DataFrame) -> Band:
+    """means: a row per x, a column per seed."""
+    return Band(
+        means.index.to_numpy(), *(one.to_numpy() for one in (means.mean(axis=1), means.min(axis=1), means.max(axis=1)))
+    )
+
+
+def _few_tasks(methods: Methods) -> Sequence[str]:
+    """The tasks, if they are few enough for a panel and a column each."""
+    rewards = next(iter(_all(methods))).rewards
+    tasks: list[str] = rewards["task"].unique().tolist()
+    return [] if tasks == ["all"] else tasks
+
+
+def _title(task: str, methods: Methods) -> str:
+    if task:
+        return f"task {task.replace('_', ', ')}"
+    return f"{next(iter(_all(methods))).episodes['task'].nunique()} tasks"
+
+
+def _folder_name(method: str) -> str:
+    return re.sub(r"[^\w.=-]+", "_", method).strip("_")
+
+
+def _all(methods: Methods) -> list[Record]:
+    return [run for runs in methods.values() for run in runs]
+
+
+def _config(run: Record) -> Mapping[str, Any]:
+    config: Mapping[str, Any] = run.about["config"]
+    return config
+
+
+def _minutes(run: Record) -> str:
+    seconds = _config(run).get("wall_seconds")
+    return "?" if seconds is None else f"{seconds / 60:.0f}"
+
+
+def _columns() -> list[str]:
+    return [f"return_{horizon}" for horizon in HORIZONS]
+
+
+def _header(names: Sequence[str]) -> list[str]:
+    return [_row(names), "|---" * len(names) + "|"]
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"

@@ -1,0 +1,86 @@
+"""What is kept of a run: the numbers are those of the test and of the curve, and a page is made of them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sb3_bruno.adaptation_result import AdaptationResult
+from sb3_bruno.interquartile import interquartile_mean
+from sb3_bruno.record import Record
+from sb3_bruno.zoo import main
+
+DIRECTIONS = np.array([[1.0, 0.0], [0.0, 1.0]])
+
+
+def run_folder(folder: Path, seed: int, algo: str = "bruno_sac", tasks: np.ndarray = DIRECTIONS, **config) -> Path:
+    """As ``train`` and ``evaluate`` leave one: two evaluations, and a test of 210 steps of reward ``seed``."""
+    folder.mkdir(parents=True)
+    rewards = np.full((len(tasks), 3, 210), float(seed))
+    rewards[0, 0] = -1.0  # the lowest episode
+    about = {"algo": algo, "env": "CheetahDir-v0", "env_steps": 400, "seed": seed, **config}
+    AdaptationResult(tasks, rewards, about, versions={"torch": "2", "commit": "abcdef012345"}).save(
+        folder / "adaptation.json"
+    )
+    returns = np.arange(2.0 * len(tasks)).reshape(2, -1) + seed
+    np.savez(folder / "evaluations.npz", timesteps=[200, 400], results=returns, ep_lengths=np.full(returns.shape, 200))
+    np.savez(folder / "evaluation_tasks.npz", tasks=np.tile(np.float32(tasks), (2, 1, 1)))
+    return folder
+
+
+def test_a_record_holds_the_curve_and_the_test_and_reads_back(tmp_path: Path) -> None:
+    record = Record.from_run(run_folder(tmp_path / "run", 3))
+    record.save(tmp_path / "record")
+    read = Record.load(tmp_path / "record")
+    assert read.about == record.about and read.about["versions"]["commit"] == "abcdef012345"
+    for one, two in zip(read[1:], record[1:], strict=True):
+        pd.testing.assert_frame_equal(one, two.reset_index(drop=True), check_dtype=False)
+    assert read.learning["return"].tolist() == [3.0, 4.0, 5.0, 6.0]
+    assert read.learning["task"].tolist() == ["1_0", "0_1"] * 2
+    assert read.scores(200).to_dict() == pytest.approx({"1_0": (-200 + 2 * 600) / 3, "0_1": 600})
+    assert "return_1000" not in read.episodes, "it was tested for 210 steps"
+    assert read.rewards.groupby("task", sort=False)["low"].min().to_dict() == {"1_0": -1.0, "0_1": 3.0}
+
+
+def test_rewards_of_many_tasks_are_kept_together(tmp_path: Path) -> None:
+    record = Record.from_run(run_folder(tmp_path / "run", 2, tasks=np.linspace(0, 3, 30)[:, None]))
+    assert record.rewards["task"].unique().tolist() == ["all"] and len(record.rewards) == 210
+    assert len(record.scores(200)) == 30
+
+
+def test_a_method_is_called_by_what_was_chosen_against_its_config(tmp_path: Path) -> None:
+    about = {"conf": "oracle", "params": {"n_envs": 20}}
+    assert Record.from_run(run_folder(tmp_path / "a", 1, "sac", **about)).method == "sac (oracle, n_envs=20)"
+    assert Record.from_run(run_folder(tmp_path / "b", 1, params={}, conf=None)).method == "bruno_sac"
+
+
+def test_the_interval_holds_the_interquartile_mean() -> None:
+    scores = np.arange(1.0, 9.0)[:, None]
+    found = interquartile_mean(scores)
+    assert found.value == pytest.approx(np.mean([3, 4, 5, 6]))
+    assert 1 < found.low < found.value < found.high < 8
+    assert interquartile_mean(scores) == found
+
+
+def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monkeypatch) -> None:
+    def report(*arguments):
+        monkeypatch.setattr(sys, "argv", ["sb3-bruno", "report", *map(str, arguments), "--out", str(tmp_path / "page")])
+        main()
+
+    report(run_folder(tmp_path / "a", 1, wall_seconds=120), run_folder(tmp_path / "b", 5))
+    report(run_folder(tmp_path / "c", 3, "sac", conf="oracle"))
+    page = (tmp_path / "page" / "table.md").read_text()
+    assert page.strip() in capsys.readouterr().out
+    assert "| bruno_sac | 2 | 400 |" in page and "| sac (oracle) | 1 | 400 |" in page
+    assert "| bruno_sac | 5 |" in page and "2 / ?" in page and "abcdef0" in page
+    for name in ("learning_curves.png", "adaptation.png"):
+        assert (tmp_path / "page" / name).stat().st_size > 10_000
+    with pytest.raises(SystemExit, match="sb3-bruno evaluate"):
+        report(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["sb3-bruno", "report", "--out", str(tmp_path / "none")])
+    with pytest.raises(SystemExit, match="give folders of runs that were tested"):
+        main()
