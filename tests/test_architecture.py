@@ -14,7 +14,7 @@ FLOORS = [
     {"encoders.base"},
     {"encoders.bruno"},
     {"encoders"},
-    {"encoded_sequences", "extended_obs"},
+    {"encoded_sequences", "extended_obs", "forgetting"},
     {"buffers", "policies"},
     {"beliefs", "checks"},
     {"task_inference"},

@@ -41,7 +41,7 @@ class Recorder(TaskEncoder):
     def belief(self, statistics):
         return statistics[0]
 
-    empty = absorb = posterior = bound = outcomes = diagnostics = None  # never asked for here
+    empty = absorb = posterior = bound = outcomes = diagnostics = log_bayes_factor = None  # never asked for here
 
 
 Recorder.__abstractmethods__ = frozenset()

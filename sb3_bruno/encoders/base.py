@@ -89,6 +89,14 @@ class TaskEncoder(nn.Module, ABC):
         """p(theta | transitions absorbed), batch shape (..., latent_dim)."""
 
     @abstractmethod
+    def log_bayes_factor(self, statistics: Statistics, transitions: Transitions) -> Tensor:
+        """log p(transition | nothing absorbed) - log p(transition | statistics), in nats: (..., dim) -> (...)
+
+        Below 0 where the belief expected the transition better than the prior does, far above where the task is
+        another.
+        """
+
+    @abstractmethod
     def bound(self, transitions: Transitions) -> Tensor:
         """The objective on sequences that each come from one task, (batch, time, dim): a scalar to maximise.
 

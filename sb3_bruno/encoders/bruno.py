@@ -154,6 +154,11 @@ class BrunoEncoder(TaskEncoder):
         theta = self.posterior(statistics)
         return theta.mean if self._belief == "mean" else th.cat([theta.mean, theta.variance], dim=-1)
 
+    def log_bayes_factor(self, statistics: Statistics, transitions: Transitions) -> Tensor:
+        z = self.latents(transitions)  # both densities have the same log-determinant
+        believed = self.process.log_predictive(LatentStatistics(*statistics), z)
+        return self.process.log_predictive(self.process.empty(tuple(z.shape[:-1])), z) - believed
+
     def bound(self, transitions: Transitions) -> Tensor:
         r"""The log-density of a sequence of T transitions, per transition, by one of three objectives.
 
