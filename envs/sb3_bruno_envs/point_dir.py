@@ -9,12 +9,12 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
+from sb3_bruno_envs.painting import BLUE, GREEN, GREY, blank_image, paint
+
 _DT = 0.1  # s
 _ACTION_COST = 0.05
 _START_STD = 0.1  # of each coordinate of the first position
-_PIXELS = 128  # height and width of the image
 _PIXELS_PER_UNIT = 19.0  # shows 3.3 units around the origin; 30 steps at full speed cover 3
-_GREY, _GREEN, _BLUE = (190, 190, 190), (40, 160, 70), (30, 80, 200)
 
 
 class PointDirEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -65,10 +65,10 @@ class PointDirEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """The image ``(128, 128, 3)``, or None without a render mode."""
         if self.render_mode is None:
             return None
-        image = np.full((_PIXELS, _PIXELS, 3), 255, dtype=np.uint8)
-        _paint(image, np.stack(self._trail), _GREY)
-        _paint(image, _arrow(self.direction), _GREEN)
-        _paint(image, self._trail[-1][None], _BLUE, radius=2)
+        image = blank_image()
+        paint(image, np.stack(self._trail), GREY, pixels_per_unit=_PIXELS_PER_UNIT)
+        paint(image, _arrow(self.direction), GREEN, pixels_per_unit=_PIXELS_PER_UNIT)
+        paint(image, self._trail[-1][None], BLUE, pixels_per_unit=_PIXELS_PER_UNIT, radius=2)
         return image
 
     def _position(self) -> NDArray[np.float32]:
@@ -81,13 +81,3 @@ def _arrow(tip: NDArray[np.float64]) -> NDArray[np.float64]:
     back, side = -tip, np.array([-tip[1], tip[0]])
     barb = np.linspace(0.0, 0.25, 10)[:, None]
     return np.concatenate([shaft, tip + barb * (back + side), tip + barb * (back - side)])
-
-
-def _paint(
-    image: NDArray[np.uint8], points: NDArray[np.float64], colour: tuple[int, int, int], radius: int = 0
-) -> None:
-    """Paint a square of ``2 * radius + 1`` pixels at each point ``(n, 2)``; the border holds the others."""
-    columns, rows = (_PIXELS / 2 + _PIXELS_PER_UNIT * points * (1.0, -1.0)).astype(int).T  # y points up
-    for down in range(-radius, radius + 1):
-        for right in range(-radius, radius + 1):
-            image[np.clip(rows + down, 0, _PIXELS - 1), np.clip(columns + right, 0, _PIXELS - 1)] = colour
