@@ -6,28 +6,34 @@ from sb3_bruno_envs.meta_task import MetaTask
 from sb3_bruno_envs.observations import TaskObservation, TransitionObservation
 from sb3_bruno_envs.point_dir import PointDirEnv
 from sb3_bruno_envs.registration import register_envs
+from sb3_bruno_envs.sparse_point_goal import SparsePointGoalEnv
 from sb3_bruno_envs.tasks import (
     CHEETAH_DIR_TASKS,
     CHEETAH_VEL_TASKS,
     POINT_DIR_TASKS,
+    SPARSE_POINT_GOAL_TASKS,
     TaskSampler,
     TaskSet,
     as_task_distribution,
 )
+from sb3_bruno_envs.trial import Trial
 
 __all__ = [
     "CHEETAH_DIR_TASKS",
     "CHEETAH_VEL_TASKS",
     "POINT_DIR_TASKS",
+    "SPARSE_POINT_GOAL_TASKS",
     "CheetahDirEnv",
     "CheetahVelEnv",
     "MetaHalfCheetahEnv",
     "MetaTask",
     "PointDirEnv",
+    "SparsePointGoalEnv",
     "TaskObservation",
     "TaskSampler",
     "TaskSet",
     "TransitionObservation",
+    "Trial",
     "as_task_distribution",
     "check_meta_env",
 ]

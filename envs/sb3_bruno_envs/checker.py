@@ -97,7 +97,9 @@ def _check_episode(env: Env, max_steps: int) -> Iterator[str]:
         action = _nth_action(env.action_space, step)
         observation, reward, terminated, truncated, info = env.step(action)
         here = _in_info(env, info, task)
-        if "final_observation" not in info:  # there a trial of several episodes starts its next one
+        if "final_observation" in info:  # a trial's next episode begins, and what is shown beside that is free
+            here |= _in_observation(env, observation, None, None, 1.0)
+        else:
             here |= _in_observation(env, observation, _scaled(env.action_space, action), float(reward), 0.0)
         when = f"step {step}" + (", the episode's last" if terminated or truncated else "")
         for kind, problem in here.items():
@@ -122,18 +124,22 @@ def _in_info(env: Env, info: dict[str, Any], task: NDArray[np.float32] | None) -
 
 
 def _in_observation(
-    env: Env, observation: Any, action: NDArray[Any] | None, reward: float, start: float
+    env: Env, observation: Any, action: NDArray[Any] | None, reward: float | None, start: float
 ) -> dict[str, str]:
-    """Problems of one observation by kind; it should show this scaled action, reward and episode start."""
+    """Problems of one observation by kind; it should show this scaled action, reward and episode start.
+
+    None of an action or a reward is not compared.
+    """
     if not isinstance(observation, dict):
         return {}  # told already, of the space
     found = {}
     if observation not in env.observation_space:
         found["outside"] = "the observation is outside its space: match its keys, shapes, dtypes, bounds."
-    for key, value in (("action", action), ("reward", [reward]), ("episode_start", [start])):
+    rewards = None if reward is None else [reward]
+    for key, value in (("action", action), ("reward", rewards), ("episode_start", [start])):
         shown = observation.get(key)
         if shown is None or value is None:
-            continue  # told already, of the space
+            continue  # a key that is missing was told already, of the space
         if np.shape(shown) != np.shape(value) or not np.allclose(shown, value, rtol=1e-4, atol=1e-5):
             found[key] = f"observation[{key!r}] is {shown} instead of {np.asarray(value)}: {_WRAP}."
     return found

@@ -19,7 +19,8 @@ class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorAr
     - ``observation``: the environment's own, of the same shape;
     - ``action``: the last action, flat, ``(action_dim,)``, clipped and scaled from its bounds to [-1, 1];
     - ``reward``: the last reward, ``(1,)``;
-    - ``episode_start``: ``(1,)``, 1 after a reset and 0 after a step.
+    - ``episode_start``: ``(1,)``, 1 after a reset and 0 after a step, unless that step began a trial's next
+      episode: then 1, because it is not the last action that led to ``observation``.
 
     After a reset, ``action`` and ``reward`` are zeros.
 
@@ -62,7 +63,8 @@ class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorAr
     def step(self, action: Any) -> tuple[dict[str, NDArray[np.float32]], SupportsFloat, bool, bool, dict[str, Any]]:
         """Step the environment and show the action and the reward of this step."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        seen = _transition(observation, self._scale(action), float(reward), episode_start=0.0)
+        begins = float("final_observation" in info)  # Trial's word for it
+        seen = _transition(observation, self._scale(action), float(reward), episode_start=begins)
         return seen, reward, terminated, truncated, info
 
     def _scale(self, action: ArrayLike) -> ArrayLike:

@@ -9,6 +9,8 @@ A function, because ``gym.make`` hands its keyword arguments to the entry point 
   TaskObservation) or ``"plain"`` (the bare observation; the task is in ``info`` all the same);
 - ``task_space``: the Box that holds every task; None is the family's own, which does not depend on ``tasks``;
 - all others go to the environment, ``render_mode`` among them.
+
+Where an episode is a trial of several (see Trial), ``n_episodes`` says of how many.
 """
 
 from __future__ import annotations
@@ -23,7 +25,16 @@ from sb3_bruno_envs.half_cheetah import CheetahDirEnv, CheetahVelEnv
 from sb3_bruno_envs.meta_task import Draw, MetaTask
 from sb3_bruno_envs.observations import TaskObservation, TransitionObservation
 from sb3_bruno_envs.point_dir import PointDirEnv
-from sb3_bruno_envs.tasks import CHEETAH_DIR_TASKS, CHEETAH_VEL_TASKS, POINT_DIR_TASKS, Split, TaskSet
+from sb3_bruno_envs.sparse_point_goal import SparsePointGoalEnv
+from sb3_bruno_envs.tasks import (
+    CHEETAH_DIR_TASKS,
+    CHEETAH_VEL_TASKS,
+    POINT_DIR_TASKS,
+    SPARSE_POINT_GOAL_TASKS,
+    Split,
+    TaskSet,
+)
+from sb3_bruno_envs.trial import Trial
 
 Observe: TypeAlias = Literal["transition", "task", "plain"]
 
@@ -70,6 +81,24 @@ def make_point_dir(
     return _with_tasks(env, PointDirEnv.set_task, family, split, tasks, draw, observe, task_space)
 
 
+def make_sparse_point_goal(
+    *,
+    n_episodes: int = 3,
+    split: Split = "train",
+    tasks: Any = None,
+    draw: Draw = "random",
+    observe: Observe = "transition",
+    task_space: Box | None = None,
+    **env_kwargs: Any,
+) -> gym.Env[Any, Any]:
+    """Trials of the point that should find a hidden goal; a task is ``(2,)``, the goal's position.
+
+    The environment itself truncates an inner episode: rebuilding from a spec would take a TimeLimit for the trial's.
+    """
+    env, family = Trial(SparsePointGoalEnv(**env_kwargs), n_episodes), SPARSE_POINT_GOAL_TASKS
+    return _with_tasks(env, SparsePointGoalEnv.set_task, family, split, tasks, draw, observe, task_space)
+
+
 def _with_tasks(
     env: gym.Env[Any, Any],
     set_task: Callable[[Any, Any], None],
@@ -97,10 +126,12 @@ def _with_tasks(
 
 
 def register_envs() -> None:
-    """Register the three ids; ``gym.make`` reads the render modes off the function, so each carries them."""
+    """Register the ids; ``gym.make`` reads the render modes off the function, so each carries them."""
     vars(make_cheetah_dir)["metadata"] = CheetahDirEnv.metadata
     vars(make_cheetah_vel)["metadata"] = CheetahVelEnv.metadata
     vars(make_point_dir)["metadata"] = PointDirEnv.metadata
+    vars(make_sparse_point_goal)["metadata"] = SparsePointGoalEnv.metadata
     gym.register("CheetahDir-v0", f"{__name__}:make_cheetah_dir", max_episode_steps=200)
     gym.register("CheetahVel-v0", f"{__name__}:make_cheetah_vel", max_episode_steps=200)
     gym.register("PointDir-v0", f"{__name__}:make_point_dir", max_episode_steps=30)
+    gym.register("SparsePointGoal-v0", f"{__name__}:make_sparse_point_goal")  # ends itself, after n_episodes

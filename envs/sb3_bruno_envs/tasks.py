@@ -191,3 +191,10 @@ CHEETAH_VEL_TASKS = TaskSet(_VELOCITIES[:100], _VELOCITIES[100:], space=Box(0.0,
 
 POINT_DIR_TASKS = TaskSet([[-1.0, 0.0], [1.0, 0.0]], space=Box(-1.0, 1.0, (2,)))
 """Left and right, as unit vectors in the plane; train and test are the same. ``tasks`` may name others."""
+
+_ANGLES = np.random.RandomState(1337).uniform(0.0, np.pi, 60)  # rad
+_GOALS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+_HALF_DISC = Box(np.array([-1.0, 0.0], np.float32), np.array([1.0, 1.0], np.float32))
+
+SPARSE_POINT_GOAL_TASKS = TaskSet(_GOALS[:40], _GOALS[40:], space=_HALF_DISC)
+"""Goals on the upper half of the unit circle: 40 to train, 20 to test."""

@@ -235,3 +235,12 @@ def test_an_inner_episode_of_a_trial_may_start_in_mid_trial():
             observation["action"][:] = observation["reward"][:] = 0.0
 
     check_meta_env(Edit(restart))
+
+
+def test_an_inner_episode_that_does_not_say_that_it_starts_is_found_out():
+    def restart(observation, info, step):
+        if step == 10:
+            info["final_observation"] = observation["observation"].copy()
+
+    with pytest.raises(ValueError, match=r"step 10, .*\['episode_start'\] is \[0.\] instead of \[1.\]"):
+        check_meta_env(Edit(restart))

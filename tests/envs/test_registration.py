@@ -10,7 +10,8 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from sb3_bruno_envs import CHEETAH_VEL_TASKS, POINT_DIR_TASKS, TaskSampler, check_meta_env
 
-STEPS = {"CheetahDir-v0": 200, "CheetahVel-v0": 200, "PointDir-v0": 30}  # per episode
+STEPS = {"CheetahDir-v0": 200, "CheetahVel-v0": 200, "PointDir-v0": 30, "SparsePointGoal-v0": 60}  # per episode
+TRIALS = ["SparsePointGoal-v0"]  # which end by themselves, after several inner episodes
 OBSERVE = ["transition", "task", "plain"]
 
 family = pytest.mark.parametrize(
@@ -59,7 +60,20 @@ def test_our_own_check_passes(name, split, draw):
 @family
 def test_episodes_have_the_registered_length_or_the_one_asked_for(name):
     assert len(rewards(make(name))) == STEPS[name]
-    assert len(rewards(make(name, max_episode_steps=1000))) == 1000
+    assert len(rewards(make(name, max_episode_steps=7))) == 7
+    longest = STEPS[name] if name in TRIALS else 1000
+    assert len(rewards(make(name, max_episode_steps=1000))) == longest
+
+
+@pytest.mark.parametrize("name", TRIALS)
+def test_a_trial_has_as_many_episodes_as_asked_for(name):
+    env = make(name, n_episodes=5)
+    env.reset(seed=0)
+    infos = [env.step(env.action_space.sample())[4] for _ in range(100)]
+    assert [info["episode_index"] for info in infos] == [step // 20 for step in range(100)]
+    assert len(rewards(gym.make(env.spec))) == 100
+    with pytest.raises(ValueError, match="n_episodes=0 is not positive"):
+        make(name, n_episodes=0)
 
 
 @family

@@ -1,0 +1,60 @@
+"""The wrapper that joins several episodes of one task into a trial; knows no task and no observation format."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any, SupportsFloat
+
+import gymnasium as gym
+from gymnasium.utils import RecordConstructorArgs
+
+
+class Trial(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """Makes one episode, the trial, of ``n_episodes`` inner episodes, so that what is learned in one serves the next.
+
+    When an inner episode that is not the last ends, terminated or truncated, the environment is reset at once and
+    without a seed: the step returns the next inner episode's first observation and neither flag, and
+    ``info["final_observation"]`` holds a copy of the observation at which the ended one stopped. The trial ends as
+    its last inner episode does. ``info["episode_index"]``, in 0 .. ``n_episodes - 1``, names the inner episode that
+    a reset began or that a step belongs to, its last one included.
+
+    MetaTask goes around it, so that all inner episodes share a task, and the time limit of an inner episode inside.
+
+    Args:
+        env: an environment whose episodes end.
+        n_episodes: the number of inner episodes.
+
+    Raises:
+        ValueError: if ``n_episodes`` is not positive, or there is a MetaTask inside.
+
+    Example:
+        >>> pendulum = gym.make("Pendulum-v1", max_episode_steps=50)
+        >>> env = TransitionObservation(MetaTask(Trial(pendulum, n_episodes=3)))
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], n_episodes: int) -> None:
+        if n_episodes < 1:
+            raise ValueError(f"n_episodes={n_episodes} is not positive: give at least 1.")
+        if env.has_wrapper_attr("task_space"):
+            raise ValueError(f"env={env} would draw a task per inner episode: wrap Trial in MetaTask instead.")
+        RecordConstructorArgs.__init__(self, n_episodes=n_episodes)
+        super().__init__(env)
+        self._n_episodes = n_episodes
+        self._episode_index = 0
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin a trial; seed and options are for its first inner episode."""
+        self._episode_index = 0
+        observation, info = self.env.reset(seed=seed, options=options)
+        return observation, {**info, "episode_index": 0}
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Step the environment, and begin the next inner episode where one ends."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        info = {**info, "episode_index": self._episode_index}
+        if not (terminated or truncated) or self._episode_index == self._n_episodes - 1:
+            return observation, reward, terminated, truncated, info
+        info["final_observation"] = copy.deepcopy(observation)
+        self._episode_index += 1
+        observation, _ = self.env.reset()
+        return observation, reward, False, False, info
