@@ -104,15 +104,17 @@ class ExchangeableGaussian(nn.Module):
         mean = total / n.clamp(min=1)
         return Statistics(n, total, (z - mean.unsqueeze(-2)).square().sum(dim=-2))
 
-    def prefixes(self, z: Tensor) -> Statistics:
+    def prefixes(self, z: Tensor, weights: Tensor | None = None) -> Statistics:
         """The statistics of the first 0, 1, ..., time latents, by cumulative sums.
 
         z: (..., time, dim) -> (..., time + 1, dim); entry t has seen z[..., :t, :] and nothing of z[..., t:, :].
+        Of weights (..., time), 1 lets a latent count and 0 leaves it out; None: all count.
         """
-        ones, none = th.ones_like(z[..., :1]), th.zeros_like(z)
-        n, total, _ = (F.pad(one.cumsum(dim=-2), (0, 0, 1, 0)) for one in (ones, z, none))
-        before = Statistics(n[..., :-1, :], total[..., :-1, :], none)
-        added = before.merge(self.observe(z)).scatter  # by each latent to the scatter of those before it
+        counted = th.ones_like(z[..., :1]) if weights is None else weights.unsqueeze(-1).to(z)
+        each = Statistics(counted, counted * z, th.zeros_like(z))
+        n, total = (F.pad(one.cumsum(dim=-2), (0, 0, 1, 0)) for one in each[:2])
+        before = Statistics(n[..., :-1, :], total[..., :-1, :], each.scatter)
+        added = before.merge(each).scatter  # by each latent to the scatter of those before it
         return Statistics(n, total, F.pad(added.cumsum(dim=-2), (0, 0, 1, 0)))
 
     def theta_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:

@@ -119,6 +119,14 @@ def test_squared_mahalanobis_is_the_dense_one_and_chi_squared_under_the_model(va
     assert kstest(beta, chi2(10).cdf).pvalue > 1e-4
 
 
+def test_a_latent_of_weight_zero_is_as_if_it_were_not_there():
+    process, z = process_of(2, 1.0, 0.3), draw(0, 6, 2)
+    weights = th.tensor([1.0, 0.0, 1.0, 1.0, 0.0, 1.0], dtype=th.float64)
+    left = process.prefixes(z[weights > 0])
+    for one, two in zip(process.prefixes(z, weights), left, strict=True):
+        th.testing.assert_close(one, two[[0, 1, 1, 2, 3, 3, 4]])
+
+
 def test_prefixes_never_see_the_future():
     process, z = process_of(2, 1.0, 0.3), draw(0, 4, 6, 2)
     changed = z.clone()
