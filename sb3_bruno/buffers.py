@@ -22,7 +22,16 @@ from sb3_bruno.extended_obs import ExtendedObs
 from sb3_bruno.task_index import SlotQueue, TaskIndex
 
 Context = Literal["iid", "recent", "episode"]
-_RING = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts", "episode_steps")
+_RING = (
+    "observations",
+    "next_observations",
+    "actions",
+    "rewards",
+    "dones",
+    "timeouts",
+    "episode_steps",
+    "inner_ends",
+)
 
 
 class TaskReplayBuffer(ReplayBuffer):
@@ -37,7 +46,9 @@ class TaskReplayBuffer(ReplayBuffer):
     - ``"iid"``: drawn i.i.d. with replacement from all transitions of the task, as in the paper
     - ``"recent"``: the same, from the task's last ``n_recent`` transitions
     - ``"episode"``: what the agent had itself seen at that step, in its order (an episode whose first rows were
-      overwritten begins at the first that is left)
+      overwritten begins at the first that is left). Of a ``Trial``, all its inner episodes are one
+
+    Where an info has ``"final_observation"``, an inner episode of a trial ended, and that is the next observation.
 
     :param buffer_size: number of transitions, over all environments
     :param observation_space: the Dict of ``TransitionObservation``
@@ -97,6 +108,7 @@ class TaskReplayBuffer(ReplayBuffer):
         self.rng = np.random.default_rng(np.random.randint(2**31))  # noqa: NPY002  # which SB3 seeds
         self.tasks = TaskIndex(self.buffer_size * n_envs)
         self.episode_steps = np.zeros((self.buffer_size, n_envs), dtype=np.int32)
+        self.inner_ends = np.zeros((self.buffer_size, n_envs), dtype=bool)
         self._running_lengths = np.zeros(n_envs, dtype=np.int64)
         self._encoder: TaskEncoder | None = None
         self._encoded: EncodedSequences | None = None
@@ -153,7 +165,14 @@ class TaskReplayBuffer(ReplayBuffer):
             self.tasks.put(first_slot + i, np.asarray(info["task"], dtype=np.float32).ravel() + np.float32(0.0))
         self.episode_steps[self.pos] = self._running_lengths
         self._running_lengths = np.where(done, 0, self._running_lengths + 1)
-        super().add(obs["observation"], next_obs["observation"], action, reward, done, infos)
+        self.inner_ends[self.pos] = ["final_observation" in info for info in infos]
+        arrivals = np.array(next_obs["observation"])
+        # Not done, even where the inner episode terminated: the trial goes on, and unless values flow through its inner
+        # ends, as they do through a time limit, nothing is earned by finding out what only later episodes are paid for.
+        for arrival, info in zip(arrivals, infos, strict=True):
+            if "final_observation" in info:
+                arrival[...] = info["final_observation"]
+        super().add(obs["observation"], arrivals, action, reward, done, infos)
 
     def cut_episodes(self) -> None:
         """The envs were reset from outside: what comes next begins new episodes."""
@@ -188,7 +207,8 @@ class TaskReplayBuffer(ReplayBuffer):
         slots, lengths, drawn = self._context_slots(n_sequences)
         transitions = self.transitions(slots, env)
         with th.no_grad():
-            beliefs = self._encoder.belief(self._encoder.prefixes(transitions))
+            weights = self.absorbed(slots) if self.context == "episode" else None
+            beliefs = self._encoder.belief(self._encoder.prefixes(transitions, weights=weights))
         tasks = self.to_torch(drawn)[:, None].expand(-1, slots.shape[1], -1)
         dones = self._flat(self.dones)[slots] * (1 - self._flat(self.timeouts)[slots])
         samples = ReplayBufferSamples(
@@ -239,6 +259,13 @@ class TaskReplayBuffer(ReplayBuffer):
                 for one in (observation, arrival["action"], arrival["reward"], arrival["observation"])
             )
         )
+
+    def absorbed(self, slots: Slots) -> th.Tensor:
+        """1 where an agent absorbs the transition in its slot, 0 where not, shape (...).
+
+        It never absorbs the last one of an inner episode: the observation that comes next begins another one.
+        """
+        return self.to_torch(~self._flat(self.inner_ends)[slots]).float()
 
     # -- which slots -----------------------------------------------------------------------------------------
 

@@ -222,7 +222,7 @@ class TaskInference(OffPolicyAlgorithm):
         slots, lengths = self.replay_buffer.running_episodes()
         transitions = self.replay_buffer.transitions(slots, self._vec_normalize_env)
         with th.no_grad():
-            prefixes = self.encoder.prefixes(transitions)
+            prefixes = self.encoder.prefixes(transitions, weights=self.replay_buffer.absorbed(slots))
             envs, known = np.arange(self.n_envs), np.maximum(lengths - 1, 0)
             statistics = tuple(one[envs, known] for one in prefixes)
             belief = self.encoder.posterior(statistics)

@@ -59,6 +59,16 @@ def test_belief_is_the_conditional_of_a_dense_gaussian_over_theta_and_latents():
         assert posterior.variance[d].item() == pytest.approx(cov - gain @ joint[1:, 0], rel=1e-9)
 
 
+def test_a_transition_of_weight_zero_is_as_if_it_were_not_there():
+    transitions, encoder = transitions_of(2, 5), encoder_of()
+    weights = th.tensor([1.0, 1.0, 0.0, 1.0, 0.0], dtype=th.float64).expand(2, 5)
+    found = encoder.prefixes(transitions, weights=weights)
+    left = encoder.prefixes(type(transitions)(*(one[:, [0, 1, 3]] for one in transitions)))
+    for one, two in zip(found, left, strict=True):
+        th.testing.assert_close(one, two[:, [0, 1, 2, 2, 3, 3]])
+    assert not th.allclose(found[1], encoder.prefixes(transitions)[1])
+
+
 @pytest.mark.parametrize("process", PROCESSES)
 def test_absorbing_one_by_one_equals_all_prefixes_at_once(process):
     encoder, transitions = encoder_of(process=process), transitions_of(6, 9)

@@ -9,6 +9,7 @@ import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecNormalize
 
+from sb3_bruno.buffers import _RING as RING
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.encoders import BrunoEncoder, TaskEncoder
 from sb3_bruno.extended_obs import ExtendedObs
@@ -34,8 +35,10 @@ class Recorder(TaskEncoder):
         super().__init__()
         self.anchor = th.nn.Parameter(th.zeros(1))
 
-    def prefixes(self, transitions, noise=None):
+    def prefixes(self, transitions, noise=None, weights=None):
         seen = th.cat([th.ones_like(transitions.observations), transitions.observations], dim=-1)
+        if weights is not None:
+            seen = seen * weights[..., None]
         return (th.nn.functional.pad(seen.cumsum(dim=-2), (0, 0, 1, 0)),)
 
     def belief(self, statistics):
@@ -60,11 +63,16 @@ class Stream:
         self.steps = [0] * n_envs
         self.episodes = list(range(n_envs))
 
-    def add(self, tasks, dones=None, timeouts=None):
+    def add(self, tasks, dones=None, timeouts=None, inner_ends=None):
         n = self.n_envs
         dones = [False] * n if dones is None else dones
         timeouts = [False] * n if timeouts is None else timeouts
+        inner_ends = [False] * n if inner_ends is None else inner_ends
         numbers = np.arange(self.count, self.count + n, dtype=np.float32)[:, None]
+        shown = np.where(np.reshape(inner_ends, (n, 1)), -9, numbers + 0.5)  # -9 begins another inner episode
+        infos = [{"task": [tasks[i]], "TimeLimit.truncated": timeouts[i]} for i in range(n)]
+        for i in np.flatnonzero(inner_ends):
+            infos[i]["final_observation"] = numbers[i] + 0.5
         self.count += n
         for i in range(n):
             self.task_of.append(tasks[i])
@@ -74,11 +82,11 @@ class Stream:
             self.episodes[i] += n if dones[i] else 0
         self.buffer.add(
             {"observation": numbers},
-            {"observation": numbers + 0.5},
+            {"observation": shown},
             numbers / 1_000,
             10 * numbers[:, 0],
             np.array(dones),
-            [{"task": [tasks[i]], "TimeLimit.truncated": timeouts[i]} for i in range(n)],
+            infos,
         )
         return self
 
@@ -187,6 +195,54 @@ def test_running_episodes_are_those_since_the_last_reset():
     assert stream.buffer.running_episodes()[1].tolist() == [0, 0]
 
 
+@pytest.mark.parametrize("context", ["iid", "recent"])
+def test_an_inner_end_leads_to_its_final_observation_and_is_not_done(context):
+    stream = Stream(2, context=context, n_sequences=4, sequence_length=8)
+    for step in range(30):
+        stream.add([0, 1], dones=[step % 15 == 14] * 2, inner_ends=[step % 15 in (4, 9), step % 15 == 7])
+    for _ in range(5):
+        samples = stream.buffer.sample(32)
+        numbers, _ = stream.check(samples)
+        np.testing.assert_array_equal(samples.dones[:, 0], numbers // 2 % 15 == 14)
+
+
+def test_the_caller_keeps_the_observations_that_it_gave():
+    stream, shown = Stream(), np.full((1, 1), 7.0, np.float32)
+    info = {"task": [0], "final_observation": np.float32([3.0])}
+    stream.buffer.add({"observation": shown}, {"observation": shown}, shown, shown[0], np.array([False]), [info])
+    assert shown == 7.0
+    assert stream.buffer.next_observations[0] == 3.0
+
+
+@pytest.mark.parametrize("buffer_size", [200, 51])  # with all of the trials, and with the first rows of one lost
+def test_episode_context_is_the_whole_trial_without_the_transitions_whose_end_was_not_shown(buffer_size):
+    stream, inner = Stream(context="episode", buffer_size=buffer_size, n_sequences=4), set()
+    for step in range(97):  # trials of 20 steps with inner ends after 5 and 12, the last one still running
+        inner |= {step} if step % 20 in (4, 11) else set()
+        stream.add([step // 20], dones=[step % 20 == 19], inner_ends=[step in inner])
+    for _ in range(20):
+        samples = stream.buffer.sample(32)
+        for number, before, after in zip(
+            samples.observations[:, 0].numpy().astype(int),
+            samples.observations[:, LAYOUT.belief].numpy(),
+            samples.next_observations[:, LAYOUT.belief].numpy(),
+            strict=True,
+        ):
+            start = max(number - number % 20, 97 - buffer_size)
+            for belief, end in ((before, number), (after, number + 1)):
+                seen = set(range(start, end)) - inner
+                np.testing.assert_allclose(belief, [len(seen), sum(seen)])
+
+
+def test_running_trials_go_on_over_inner_ends():
+    stream = Stream(2)
+    for step in range(7):
+        stream.add([0, 1], inner_ends=[step == 3, step == 6])
+    slots, lengths = stream.buffer.running_episodes()
+    assert lengths.tolist() == [7, 7]
+    assert stream.buffer.absorbed(slots).tolist() == [[1, 1, 1, 0, 1, 1, 1], [1, 1, 1, 1, 1, 1, 0]]
+
+
 def test_a_time_limit_is_no_termination():
     stream = Stream(n_sequences=1)
     stream.add([0], dones=[True], timeouts=[True]).add([0], dones=[True])
@@ -228,7 +284,7 @@ def copy_of(stream, buffer):
 def test_pickling_keeps_everything_but_the_encoder():
     stream = Stream(2, context="episode")
     for step in range(30):
-        stream.add([step // 10, 5], dones=[step % 10 == 9, False])
+        stream.add([step // 10, 5], dones=[step % 10 == 9, False], inner_ends=[False, step % 8 == 3])
     copied = pickle.loads(pickle.dumps(stream.buffer))
     with pytest.raises(RuntimeError, match="set_encoder"):
         copied.sample(4)
@@ -239,8 +295,8 @@ def test_pickling_keeps_everything_but_the_encoder():
                 assert th.equal(one, two)
     for one in (stream, copy_of(stream, copied)):  # and both go on alike, over the end of the ring
         for step in range(60):
-            one.add([step, 5], dones=[step % 7 == 0, False])
-    for name in ("observations", "next_observations", "actions", "rewards", "dones", "timeouts", "episode_steps"):
+            one.add([step, 5], dones=[step % 7 == 0, False], inner_ends=[step % 7 == 3, False])
+    for name in RING:
         np.testing.assert_array_equal(getattr(stream.buffer, name), getattr(copied, name))
 
 

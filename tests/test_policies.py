@@ -14,8 +14,8 @@ from sb3_bruno.encoders import Transitions
 SMALL = {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}}
 
 
-def make_env(n_envs=3, **kwargs):
-    return make_vec_env("sb3_bruno_envs:PointDir-v0", n_envs, seed=0, env_kwargs=kwargs)
+def make_env(n_envs=3, name="PointDir-v0", **kwargs):
+    return make_vec_env(f"sb3_bruno_envs:{name}", n_envs, seed=0, env_kwargs=kwargs)
 
 
 def make_policy(**kwargs):
@@ -146,6 +146,13 @@ def test_normalised_dicts_keep_the_meaning_of_the_flag():
     policy, env = make_policy(), VecNormalize(make_env())
     _, states = rollout(policy, env, 45)
     assert [int(one[0][0, 0]) for one in states] == [*range(30), *range(15)]
+
+
+@pytest.mark.parametrize("wrap", [lambda env: env, VecNormalize])
+def test_a_belief_goes_on_over_inner_resets_and_absorbs_no_transition_that_has_no_end(wrap):
+    policy, env = make_policy(), wrap(make_env(2, "SparsePointGoal-v0"))
+    _, states = rollout(policy, env, 65)  # a trial of three episodes of 20 steps, and the start of another
+    assert [int(one[0][1, 0]) for one in states] == [*range(20), *range(19, 39), *range(38, 58), *range(5)]
 
 
 def test_an_extended_observation_is_acted_on_as_it_is():

@@ -39,6 +39,10 @@ def point(n_envs=3, **kwargs):
     return make_vec_env("sb3_bruno_envs:PointDir-v0", n_envs, seed=0, **kwargs)
 
 
+def trials():
+    return make_vec_env("sb3_bruno_envs:SparsePointGoal-v0", 3, seed=0)
+
+
 def normalized():
     return VecNormalize(point(), gamma=0.9)
 
@@ -75,7 +79,9 @@ def scramble_random_states():
     th.manual_seed(98)
 
 
-@pytest.mark.parametrize("make_env", [point, normalized, lambda: point(1)], ids=["plain", "VecNormalize", "one env"])
+@pytest.mark.parametrize(
+    "make_env", [point, trials, normalized, lambda: point(1)], ids=["plain", "trials", "VecNormalize", "one env"]
+)
 @pytest.mark.parametrize("died_at", [75, 170])
 def test_a_resumed_run_equals_the_uninterrupted_one(tmp_path, make_env, died_at):
     whole = BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(STEPS)

@@ -1,7 +1,7 @@
 """Every algorithm keeps SB3's promises: every option runs, what is saved comes back, the same seed gives the same run.
 
-Two envs: PointDir, several tasks in NumPy alone, and Pendulum with its one constant task, whose actions are not in
-[-1, 1]. Networks are tiny, so nothing here is learned.
+Three envs: PointDir, several tasks in NumPy alone; SparsePointGoal, trials of several episodes; and Pendulum with its
+one constant task, whose actions are not in [-1, 1]. Networks are tiny, so nothing here is learned.
 """
 
 import inspect
@@ -17,6 +17,7 @@ import zuko
 from gymnasium import spaces
 from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import (
+    BaseCallback,
     CheckpointCallback,
     EvalCallback,
     StopTrainingOnMaxEpisodes,
@@ -32,10 +33,12 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNorm
 from tensorboard.backend.event_processing import event_accumulator
 
 from sb3_bruno import BrunoCrossQ, BrunoEncoder, BrunoSAC, BrunoTD3, BrunoTQC, Transitions
+from sb3_bruno.buffers import _RING as RING
 from sb3_bruno_envs import MetaTask, TransitionObservation
 
 ALGORITHMS = [BrunoSAC, BrunoTQC, BrunoCrossQ, BrunoTD3]
 POINT = "sb3_bruno_envs:PointDir-v0"  # episodes of 30 steps
+TRIAL = "sb3_bruno_envs:SparsePointGoal-v0"  # trials of three episodes of 20 steps
 TINY_FLOW = {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}}
 TINY = {
     "policy_kwargs": {"net_arch": [16]},
@@ -324,7 +327,7 @@ def test_a_replay_buffer_comes_back_and_is_learned_from(make_model, tmp_path):
     model.save_replay_buffer(tmp_path / "buffer")
     other = make_model(seed=1, learning_starts=0)
     other.load_replay_buffer(tmp_path / "buffer")
-    for name in ("observations", "next_observations", "actions", "rewards", "dones", "timeouts", "episode_steps"):
+    for name in RING:
         assert_same(getattr(model.replay_buffer, name), getattr(other.replay_buffer, name))
     assert len(model.replay_buffer.tasks) == len(other.replay_buffer.tasks)
     other.learn(30)
@@ -422,6 +425,61 @@ def test_a_belief_carried_through_predict_is_that_of_the_transitions(make_model,
     np.testing.assert_allclose(carried.mean, inferred.mean, atol=1e-4)
     np.testing.assert_allclose(carried.var, inferred.var, atol=1e-4)
     assert np.abs(carried.mean).max() > 0.01  # it is not the prior
+
+
+class Watch(BaseCallback):
+    """Keeps, of every step, whether it began an episode, what the agent saw, and the state in which it acted."""
+
+    def __init__(self):
+        super().__init__()
+        self.steps = []
+
+    def _on_step(self):
+        model = self.model
+        self.steps.append(deepcopy((model._last_episode_starts, model._last_obs, model._next_belief_state)))
+        return True
+
+
+@pytest.mark.parametrize("env_id", [POINT, TRIAL])
+def test_beliefs_in_the_buffer_are_those_of_the_rollout_at_every_step(make_model, env_id):
+    options = {"replay_buffer_kwargs": {"context": "episode"}, "learning_starts": 1_000}
+    watch, model = Watch(), make_model(make_vec_env(env_id, 2, seed=0), **options)
+    model.learn(2 * 130, watch)  # every env has finished two trials, and is in the first episode of its third
+    layout, encoder = model.policy.layout, model.encoder
+    begins, shown, states = zip(*watch.steps, strict=True)
+    with th.no_grad():
+        beliefs = [encoder.belief(tuple(map(th.as_tensor, state[:-1]))).numpy() for state in states]
+    step_of = {seen["observation"][env].tobytes(): (step, env) for step, seen in enumerate(shown) for env in (0, 1)}
+    met, inner_ends = set(), 0
+    for _ in range(60):
+        samples = model.replay_buffer.sample(64)
+        for here, there in zip(samples.observations.numpy(), samples.next_observations.numpy(), strict=True):
+            step, env = step_of[here[layout.observation].tobytes()]
+            met.add((step, env))
+            np.testing.assert_allclose(here[layout.belief], beliefs[step][env], rtol=1e-4, atol=1e-5)
+            if step == 129 or begins[step + 1][env]:
+                continue
+            np.testing.assert_allclose(there[layout.belief], beliefs[step + 1][env], rtol=1e-4, atol=1e-5)
+            inner_end = bool(shown[step + 1]["episode_start"][env])
+            inner_ends += inner_end
+            arrived = np.array_equal(there[layout.observation], shown[step + 1]["observation"][env])
+            assert arrived != inner_end
+    assert len(met) > 200
+    assert (inner_ends > 0) == (env_id == TRIAL)
+
+
+@pytest.mark.parametrize("n_steps", [20, 21, 47])  # an inner episode ends with the last transition, before it, long ago
+def test_the_running_trial_is_encoded_again_as_the_agent_would_see_it(make_model, n_steps):
+    watch, model = Watch(), make_model(make_vec_env(TRIAL, 2, seed=0), learning_starts=10, encoder_update_ratio=1)
+    model.learn(2 * n_steps, watch)
+    assert model._n_encoder_updates > 0
+    state = None
+    for begins, seen, _ in watch.steps:
+        _, state = model.policy.extend(seen, state, begins)
+    absorbed = n_steps - 1 - (n_steps - 1) // 20
+    assert state[0][:, 0].tolist() == [absorbed] * 2
+    for carried, expected in zip(model._belief_state, state, strict=True):
+        np.testing.assert_allclose(carried, expected, rtol=1e-4, atol=1e-5)
 
 
 def test_no_transitions_give_the_prior(trained):

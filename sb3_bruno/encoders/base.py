@@ -77,8 +77,13 @@ class TaskEncoder(nn.Module, ABC):
         """The statistics after one more transition each. Transitions (..., dim), noise (..., noise_dim)."""
 
     @abstractmethod
-    def prefixes(self, transitions: Transitions, noise: Tensor | None = None) -> Statistics:
-        """The statistics of the first 0, 1, ..., time transitions: (..., time, dim) -> (..., time + 1, ...)."""
+    def prefixes(
+        self, transitions: Transitions, noise: Tensor | None = None, weights: Tensor | None = None
+    ) -> Statistics:
+        """The statistics of the first 0, 1, ..., time transitions: (..., time, dim) -> (..., time + 1, ...).
+
+        Of weights (..., time), 1 lets a transition count and 0 leaves it out; None: all count.
+        """
 
     @abstractmethod
     def belief(self, statistics: Statistics) -> Tensor:

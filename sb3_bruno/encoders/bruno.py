@@ -144,8 +144,10 @@ class BrunoEncoder(TaskEncoder):
         one_more = self.process.observe(self.latents(transitions, noise))
         return LatentStatistics(*statistics).merge(one_more)
 
-    def prefixes(self, transitions: Transitions, noise: Tensor | None = None) -> Statistics:
-        return self.process.prefixes(self.latents(transitions, noise))
+    def prefixes(
+        self, transitions: Transitions, noise: Tensor | None = None, weights: Tensor | None = None
+    ) -> Statistics:
+        return self.process.prefixes(self.latents(transitions, noise), weights)
 
     def posterior(self, statistics: Statistics) -> Distribution:
         return self.process.posterior(LatentStatistics(*statistics))
