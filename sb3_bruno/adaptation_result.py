@@ -74,6 +74,29 @@ class AdaptationResult:
         sums: Floats = np.nansum(self.rewards[..., :horizon], axis=-1, dtype=np.float64)
         return sums
 
+    def returns_per_episode(self, n_episodes: int) -> Floats:
+        """The return of each inner episode, where an episode is a trial, ``(n_tasks, trials, n_episodes)``.
+
+        Cuts each trial into ``n_episodes`` of equal length: right where its inner episodes end by a time limit alone.
+
+        Example:
+            Rewards 0, 1, 2, 3 and ``n_episodes=2``: the returns are 1 and 5.
+
+        Raises:
+            ValueError: if ``n_episodes`` is not positive or does not divide the horizon, or a trial ended early.
+        """
+        if n_episodes < 1 or self.horizon % n_episodes:
+            raise ValueError(
+                f"n_episodes={n_episodes} does not cut {self.horizon} steps into equal parts: give what Trial was given."
+            )
+        if np.isnan(self.rewards).any():
+            raise ValueError(
+                f"n_episodes={n_episodes} cannot cut trials that ended early: give them a time limit alone."
+            )
+        parts = self.rewards.reshape(*self.rewards.shape[:2], n_episodes, -1)
+        sums: Floats = parts.sum(axis=-1, dtype=np.float64)
+        return sums
+
     def mean_return(self, horizon: int | None = None) -> Floats:
         """The return of each task, averaged over its episodes, ``(n_tasks,)``."""
         means: Floats = self.returns(horizon).mean(axis=1)

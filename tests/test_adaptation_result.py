@@ -33,6 +33,26 @@ def test_returns_of_every_horizon(result: AdaptationResult) -> None:
     np.testing.assert_array_equal(result.mean_return(3), [6.5, -4])
 
 
+def test_returns_of_the_episodes_of_trials() -> None:
+    rewards = np.arange(24).reshape(2, 2, 6)  # two tasks, two trials, six steps
+    result = AdaptationResult(np.zeros((2, 1)), rewards)
+    thirds = [[[1, 5, 9], [13, 17, 21]], [[25, 29, 33], [37, 41, 45]]]
+    np.testing.assert_array_equal(result.returns_per_episode(3), thirds)
+    np.testing.assert_array_equal(result.returns_per_episode(1)[..., 0], result.returns())
+    np.testing.assert_array_equal(result.returns_per_episode(6), rewards)
+
+
+@pytest.mark.parametrize("n_episodes", [0, -1, 3])
+def test_trials_that_cannot_be_cut_evenly_are_refused(n_episodes: int) -> None:
+    with pytest.raises(ValueError, match=rf"n_episodes={n_episodes} does not cut 4 steps into equal parts"):
+        result_of([1, 2, 3, 4]).returns_per_episode(n_episodes)
+
+
+def test_trials_that_ended_early_are_not_cut(result: AdaptationResult) -> None:
+    with pytest.raises(ValueError, match="n_episodes=2 cannot cut trials that ended early: give them a time limit"):
+        result.returns_per_episode(2)
+
+
 def test_mean_rewards_average_the_episodes_that_run(result: AdaptationResult) -> None:
     np.testing.assert_array_equal(result.mean_rewards(), [[2, 3, 3, 4], [-2, -1, -1, -1]])
     np.testing.assert_array_equal(result_of([1, NAN], [1, 2]).mean_rewards(), [[1, NAN], [1, 2]])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -132,6 +133,27 @@ def test_point_dir() -> None:
     assert result.rewards.shape == (2, 2, 30)
     np.testing.assert_allclose(result.mean_return(), 30 * (tasks[:, 0] - 0.05), rtol=1e-5)
     np.testing.assert_array_equal(result.steps_to_steady(), 0)
+
+
+def test_each_episode_of_a_trial_has_its_return() -> None:
+    class Once:
+        """Stands still through the first episode of a trial, then moves up to the goal and stays there."""
+
+        def predict(
+            self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+        ) -> tuple[NDArray[Any], tuple[NDArray[Any], ...]]:
+            began = np.zeros((len(episode_start), 1)) if state is None else state[0]
+            began = np.where(episode_start[:, None], 0, began) + observation["episode_start"]  # inner episodes so far
+            position = observation["observation"]
+            way = np.clip((np.array([0.0, 1.0]) - position) / 0.15, -1.0, 1.0)
+            return np.where(began > 1, way, 0.0), (began,)
+
+    make_env = partial(gym.make, "sb3_bruno_envs:SparsePointGoal-v0", n_episodes=4)
+    result = evaluate_adaptation(Once(), make_env, [[0.0, 1.0]], n_episodes=2)
+    returns = result.returns_per_episode(4)
+    assert returns.shape == (1, 2, 4)
+    np.testing.assert_array_equal(returns[..., 0], 0.0)
+    assert (returns[..., 1:] > 14.0).all()
 
 
 @pytest.mark.parametrize(
