@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -26,9 +27,12 @@ class TaskSet:
         train: the training tasks, ``(n, dim)``.
         test: the test tasks, ``(m, dim)``; without them the training tasks serve both splits.
         space: a one-dimensional Box that holds every task; without it, the bounding box of both splits.
+        train_box: the Box that the training tasks were drawn from; without it, their bounding box. Test tasks
+            outside it ask for extrapolation, see ``inside_train_box``.
 
     Raises:
-        ValueError: if the tasks are empty, ragged, not finite, of different dimensions or outside ``space``.
+        ValueError: if the tasks are empty, ragged, not finite, of different dimensions or outside ``space``, or a
+            training task is outside ``train_box``.
 
     Example:
         >>> directions = TaskSet([[-1.0], [1.0]])
@@ -36,7 +40,14 @@ class TaskSet:
         (2, 1)
     """
 
-    def __init__(self, train: ArrayLike, test: ArrayLike | None = None, *, space: Box | None = None) -> None:
+    def __init__(
+        self,
+        train: ArrayLike,
+        test: ArrayLike | None = None,
+        *,
+        space: Box | None = None,
+        train_box: Box | None = None,
+    ) -> None:
         self._train = _task_matrix(train, "train")
         self._test = self._train if test is None else _task_matrix(test, "test")
         if self._train.shape[1] != self._test.shape[1]:
@@ -48,6 +59,26 @@ class TaskSet:
         self.space = Box(both.min(axis=0), both.max(axis=0)) if space is None else _task_box(space)
         for task in both:
             check_task(task, self.space, "a task of the set")
+        bounds = Box(self._train.min(axis=0), self._train.max(axis=0))
+        self.train_box = bounds if train_box is None else _task_box(train_box)
+        if self.train_box.shape != bounds.shape or not self.inside_train_box(self._train).all():
+            raise ValueError(f"train_box={train_box} does not hold every training task: widen it to {bounds}.")
+
+    def inside_train_box(self, tasks: ArrayLike) -> NDArray[np.bool_]:
+        """Which of ``tasks`` ``(n, dim)`` lie in the box of the training tasks, bounds included, ``(n,)``.
+
+        Raises:
+            ValueError: if ``tasks`` is no array of shape ``(n, dim)``.
+
+        Example:
+            >>> TaskSet([[0.0], [2.0]], [[1.0], [3.0]]).inside_train_box([[1.0], [3.0]])
+            array([ True, False])
+        """
+        array, (dim,) = np.asarray(tasks, dtype=np.float32), self.space.shape
+        if array.ndim != 2 or array.shape[1] != dim:
+            raise ValueError(f"tasks has shape {array.shape}: give (n, {dim}).")
+        inside: NDArray[np.bool_] = np.all((self.train_box.low <= array) & (array <= self.train_box.high), axis=1)
+        return inside
 
     def tasks(self, split: Split = "train") -> NDArray[np.float32]:
         """All tasks of a split, ``(n, dim)``, in the given order; read-only."""
@@ -61,10 +92,10 @@ class TaskSet:
         return task
 
     def __eq__(self, other: object) -> bool:
-        """Equal in both splits and the space: rebuilding an environment from its spec compares the tasks."""
+        """Equal in both splits and the boxes: rebuilding an environment from its spec compares the tasks."""
         if not isinstance(other, TaskSet):
             return NotImplemented
-        same_train = np.array_equal(self._train, other._train)
+        same_train = np.array_equal(self._train, other._train) and self.train_box == other.train_box
         return same_train and np.array_equal(self._test, other._test) and self.space == other.space
 
     def __hash__(self) -> int:
@@ -123,7 +154,9 @@ def as_task_distribution(tasks: Any, space: Box | None = None) -> TaskDistributi
         ValueError: if the tasks are invalid or outside ``space``, or a callable comes without ``space``.
     """
     if isinstance(tasks, TaskSet):
-        return tasks if space is None else TaskSet(tasks.tasks("train"), tasks.tasks("test"), space=space)
+        if space is None:
+            return tasks
+        return TaskSet(tasks.tasks("train"), tasks.tasks("test"), space=space, train_box=tasks.train_box)
     if isinstance(tasks, TaskSampler):
         return tasks if space is None else replace(tasks, space=space)
     if callable(tasks):
@@ -188,6 +221,33 @@ _VELOCITIES = np.random.RandomState(1337).uniform(0.0, 3.0, 130).round(4).reshap
 
 CHEETAH_VEL_TASKS = TaskSet(_VELOCITIES[:100], _VELOCITIES[100:], space=Box(0.0, 3.0, (1,)))
 """Target velocities in m/s, those of the BrunoSAC paper: 100 to train, 30 to test."""
+
+_MASSES, _LENGTHS = [0.5, 1.0, 1.5, 2.0, 2.5], [0.25, 0.5, 0.75]  # kg, m
+_TEST_MASSES, _TEST_LENGTHS = [0.1, 0.25, 0.75, 1.75, 2.25, 3.0], [0.1, 0.2, 0.4, 0.6, 0.9, 0.98]  # kg, m
+
+CARTPOLE_TASKS = TaskSet(list(product(_MASSES, _LENGTHS)), list(product(_TEST_MASSES, _TEST_LENGTHS)))
+"""The cart's mass in kg and the pole's length in m: 15 to train, 36 to test, of which 6 lie inside the train box."""
+
+# Exponents of 2. Motors stronger than the model's on joints damped less make MuJoCo's integrator diverge: at
+# strength 2, damping 1/2 within seconds.
+_LOW, _HIGH = np.array([-1.0, -1.0, -1.0, -1.0]), np.array([1.0, 1.0, 1.0, 0.0])
+_MARGIN = (_HIGH - _LOW) / 4.0
+_WITHIN = np.random.RandomState(1337).uniform(_LOW, _HIGH, (120, 4))
+_AROUND = np.random.RandomState(1338).uniform(_LOW - _MARGIN, _HIGH + _MARGIN, (40, 4))
+_BEYOND = _AROUND[((_AROUND < _LOW) | (_AROUND > _HIGH)).any(axis=1)][:20]
+
+CHEETAH_PARAMS_TASKS = TaskSet(
+    2.0 ** _WITHIN[:100],
+    2.0 ** np.concatenate([_WITHIN[100:], _BEYOND]),
+    space=Box(np.float32(2.0 ** (_LOW - _MARGIN)), np.float32(2.0 ** (_HIGH + _MARGIN))),
+    train_box=Box(np.float32(2.0**_LOW), np.float32(2.0**_HIGH)),
+)
+"""Factors of mass, damping, friction and strength: 100 to train, 40 to test.
+
+The training tasks and the first 20 test tasks are log-uniform in [1/2, 2], strength in [1/2, 1]. The last 20 test
+tasks are log-uniform in a range half as wide again, [0.354, 2.828] and [0.420, 1.189], each outside the former in at
+least one factor.
+"""
 
 POINT_DIR_TASKS = TaskSet([[-1.0, 0.0], [1.0, 0.0]], space=Box(-1.0, 1.0, (2,)))
 """Left and right, as unit vectors in the plane; train and test are the same. ``tasks`` may name others."""

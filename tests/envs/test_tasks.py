@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from sb3_bruno_envs.tasks import (
+    CARTPOLE_TASKS,
     CHEETAH_DIR_TASKS,
+    CHEETAH_PARAMS_TASKS,
     CHEETAH_VEL_TASKS,
     POINT_DIR_TASKS,
     TaskSampler,
@@ -61,6 +63,7 @@ def test_sets_are_equal_by_value_even_after_pickling():
     assert hash(TaskSet([[1.0], [2.0]], [[3.0]])) == hash(tasks)
     assert tasks != TaskSet([[1.0], [2.0]])
     assert tasks != TaskSet([[1.0], [2.0]], [[3.0]], space=Box(0.0, 9.0, (1,)))
+    assert tasks != TaskSet([[1.0], [2.0]], [[3.0]], train_box=Box(1.0, 3.0, (1,)))
     assert tasks != "tasks"
 
 
@@ -91,6 +94,36 @@ def test_the_space_must_be_a_flat_box(space):
 def test_a_task_outside_the_space_is_refused():
     with pytest.raises(ValueError, match=r"a task of the set is \[2\.\], outside"):
         TaskSet([[2.0]], space=UNIT)
+
+
+@given(train=MATRICES, seed=st.integers(0, 2**32))
+def test_the_train_box_is_the_bounding_box_of_the_training_tasks(train, seed):
+    tasks = TaskSet(train, np.random.default_rng(seed).uniform(-1e6, 1e6, train.shape))
+    assert tasks.inside_train_box(train).all()
+    for task, inside in zip(tasks.tasks("test"), tasks.inside_train_box(tasks.tasks("test")), strict=True):
+        assert inside == all(
+            low <= one <= high for low, one, high in zip(train.min(0), task, train.max(0), strict=True)
+        )
+
+
+def test_a_given_train_box_says_which_test_tasks_extrapolate():
+    tasks = TaskSet([[0.4], [0.6]], [[0.1], [1.5]], train_box=UNIT)
+    assert tasks.inside_train_box(tasks.tasks("test")).tolist() == [True, False]
+    assert tasks.inside_train_box([[0.0], [1.0], [-0.1]]).tolist() == [True, True, False]
+    wider = as_task_distribution(tasks, Box(-9.0, 9.0, (1,)))
+    assert wider.train_box == UNIT
+
+
+@pytest.mark.parametrize("train_box", [Box(0.0, 0.5, (1,)), Box(0.0, 9.0, (2,))])
+def test_a_train_box_that_misses_a_training_task_is_refused(train_box):
+    with pytest.raises(ValueError, match=r"train_box=.* does not hold every training task: widen it to Box\(0.2, 0.8"):
+        TaskSet([[0.2], [0.8]], train_box=train_box)
+
+
+@pytest.mark.parametrize("tasks", [[0.5], [[0.5, 0.5]], 0.5])
+def test_only_rows_of_tasks_can_be_inside_the_train_box(tasks):
+    with pytest.raises(ValueError, match=r"tasks has shape .*: give \(n, 1\)"):
+        TaskSet([[0.5]]).inside_train_box(tasks)
 
 
 @pytest.mark.parametrize("draw", [CHEETAH_VEL_TASKS.draw, TaskSampler(lambda rng: [0.5], UNIT).draw])
@@ -142,6 +175,30 @@ def test_the_cheetahs_tasks_are_the_papers():
     np.testing.assert_array_equal(train[:3, 0], np.float32([0.7861, 0.4761, 0.8344]))  # m/s
     np.testing.assert_array_equal(test[:3, 0], np.float32([2.051, 0.0831, 0.7015]))
     assert CHEETAH_VEL_TASKS.space == Box(0.0, 3.0, (1,))
+
+
+def test_the_cart_poles_tasks_are_two_grids():
+    train, test = CARTPOLE_TASKS.tasks("train"), CARTPOLE_TASKS.tasks("test")
+    assert train.tolist() == [[mass, length] for mass in (0.5, 1.0, 1.5, 2.0, 2.5) for length in (0.25, 0.5, 0.75)]
+    masses, lengths = np.float32([0.1, 0.25, 0.75, 1.75, 2.25, 3.0]), np.float32([0.1, 0.2, 0.4, 0.6, 0.9, 0.98])
+    np.testing.assert_array_equal(test, [[mass, length] for mass in masses for length in lengths])
+    inside = test[CARTPOLE_TASKS.inside_train_box(test)]
+    np.testing.assert_array_equal(
+        inside, [[m, length] for m in (0.75, 1.75, 2.25) for length in np.float32([0.4, 0.6])]
+    )
+    assert all(task in CARTPOLE_TASKS.space for task in (*train, *test))
+
+
+def test_the_cheetahs_bodies_lie_in_their_ranges():
+    train, test = CHEETAH_PARAMS_TASKS.tasks("train"), CHEETAH_PARAMS_TASKS.tasks("test")
+    assert (train.shape, test.shape) == ((100, 4), (40, 4))
+    assert CHEETAH_PARAMS_TASKS.inside_train_box(test).tolist() == [True] * 20 + [False] * 20
+    assert CHEETAH_PARAMS_TASKS.train_box == Box(np.float32([0.5] * 4), np.float32([2.0, 2.0, 2.0, 1.0]))
+    log2 = np.log2(train)
+    np.testing.assert_allclose(log2.mean(axis=0), [0.0, 0.0, 0.0, -0.5], atol=0.15)  # 2.6 standard errors, fixed seed
+    np.testing.assert_allclose(log2.std(axis=0), np.array([2.0, 2.0, 2.0, 1.0]) / np.sqrt(12.0), rtol=0.15)
+    assert ((test[20:] < 0.5) | (test[20:] > [2.0, 2.0, 2.0, 1.0])).any(axis=0).all()  # in each of the factors
+    assert len(np.unique(np.concatenate([train, test]), axis=0)) == 140
 
 
 def test_the_points_directions_are_opposite_unit_vectors_in_both_splits():
