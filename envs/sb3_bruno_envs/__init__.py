@@ -1,6 +1,8 @@
 """Gymnasium environments with a hidden task, for meta-RL; importing the package registers them."""
 
+from sb3_bruno_envs.cartpole import CartpoleSwingUpEnv
 from sb3_bruno_envs.checker import check_meta_env
+from sb3_bruno_envs.cheetah_params import CheetahParamsEnv
 from sb3_bruno_envs.half_cheetah import CheetahDirEnv, CheetahVelEnv, MetaHalfCheetahEnv
 from sb3_bruno_envs.meta_task import MetaTask
 from sb3_bruno_envs.observations import TaskObservation, TransitionObservation
@@ -8,7 +10,9 @@ from sb3_bruno_envs.point_dir import PointDirEnv
 from sb3_bruno_envs.registration import register_envs
 from sb3_bruno_envs.sparse_point_goal import SparsePointGoalEnv
 from sb3_bruno_envs.tasks import (
+    CARTPOLE_TASKS,
     CHEETAH_DIR_TASKS,
+    CHEETAH_PARAMS_TASKS,
     CHEETAH_VEL_TASKS,
     POINT_DIR_TASKS,
     SPARSE_POINT_GOAL_TASKS,
@@ -19,11 +23,15 @@ from sb3_bruno_envs.tasks import (
 from sb3_bruno_envs.trial import Trial
 
 __all__ = [
+    "CARTPOLE_TASKS",
     "CHEETAH_DIR_TASKS",
+    "CHEETAH_PARAMS_TASKS",
     "CHEETAH_VEL_TASKS",
     "POINT_DIR_TASKS",
     "SPARSE_POINT_GOAL_TASKS",
+    "CartpoleSwingUpEnv",
     "CheetahDirEnv",
+    "CheetahParamsEnv",
     "CheetahVelEnv",
     "MetaHalfCheetahEnv",
     "MetaTask",

@@ -17,6 +17,13 @@ _STATE = mujoco.mjtState.mjSTATE_INTEGRATION  # all that the next step depends o
 _HANDLES = ("model", "data", "mujoco_renderer")  # belong to MuJoCo and OpenGL: built anew, never pickled
 
 
+def derive_constants(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Compute what MuJoCo's compiler derives from the masses; leaves ``data`` in another state."""
+    mujoco.mj_setConst(model, data)
+    model.stat.meanmass = model.body_mass[1:].mean()  # kg; body 0 is the world
+    model.stat.meaninertia = model.dof_M0.mean()  # read by the solver; not set by mj_setConst
+
+
 class MetaHalfCheetahEnv(HalfCheetahEnv):
     """HalfCheetah-v5 whose reward is ``progress(x_velocity) - ctrl_cost_weight * |action|^2``.
 
@@ -59,9 +66,7 @@ class MetaHalfCheetahEnv(HalfCheetahEnv):
         model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
         data = mujoco.MjData(model)
         mujoco.mj_setTotalmass(model, float(total_mass))
-        mujoco.mj_setConst(model, data)
-        model.stat.meanmass = model.body_mass[1:].mean()  # kg; body 0 is the world
-        model.stat.meaninertia = model.dof_M0.mean()  # read by the solver; not set by mj_setConst
+        derive_constants(model, data)
         frame = model.vis.global_  # the offscreen image, at least as large as the one to render
         frame.offwidth = max(frame.offwidth, self.width)
         frame.offheight = max(frame.offheight, self.height)

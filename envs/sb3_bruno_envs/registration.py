@@ -21,13 +21,17 @@ from typing import Any, Literal, TypeAlias, get_args
 import gymnasium as gym
 from gymnasium.spaces import Box
 
+from sb3_bruno_envs.cartpole import CartpoleSwingUpEnv
+from sb3_bruno_envs.cheetah_params import CheetahParamsEnv
 from sb3_bruno_envs.half_cheetah import CheetahDirEnv, CheetahVelEnv
 from sb3_bruno_envs.meta_task import Draw, MetaTask
 from sb3_bruno_envs.observations import TaskObservation, TransitionObservation
 from sb3_bruno_envs.point_dir import PointDirEnv
 from sb3_bruno_envs.sparse_point_goal import SparsePointGoalEnv
 from sb3_bruno_envs.tasks import (
+    CARTPOLE_TASKS,
     CHEETAH_DIR_TASKS,
+    CHEETAH_PARAMS_TASKS,
     CHEETAH_VEL_TASKS,
     POINT_DIR_TASKS,
     SPARSE_POINT_GOAL_TASKS,
@@ -65,6 +69,34 @@ def make_cheetah_vel(
     """The half-cheetah that should run at a hidden velocity; a task is ``(1,)``, in m/s."""
     env, family = CheetahVelEnv(**env_kwargs), CHEETAH_VEL_TASKS
     return _with_tasks(env, CheetahVelEnv.set_task, family, split, tasks, draw, observe, task_space)
+
+
+def make_cartpole_swing_up(
+    *,
+    split: Split = "train",
+    tasks: Any = None,
+    draw: Draw = "random",
+    observe: Observe = "transition",
+    task_space: Box | None = None,
+    **env_kwargs: Any,
+) -> gym.Env[Any, Any]:
+    """The cart-pole of hidden mass and length that should swing up; a task is ``(2,)``, in kg and m."""
+    env, family = CartpoleSwingUpEnv(**env_kwargs), CARTPOLE_TASKS
+    return _with_tasks(env, CartpoleSwingUpEnv.set_task, family, split, tasks, draw, observe, task_space)
+
+
+def make_cheetah_params(
+    *,
+    split: Split = "train",
+    tasks: Any = None,
+    draw: Draw = "random",
+    observe: Observe = "transition",
+    task_space: Box | None = None,
+    **env_kwargs: Any,
+) -> gym.Env[Any, Any]:
+    """The half-cheetah of a hidden body that should run forward; a task is ``(4,)``, see CheetahParamsEnv."""
+    env, family = CheetahParamsEnv(**env_kwargs), CHEETAH_PARAMS_TASKS
+    return _with_tasks(env, CheetahParamsEnv.set_task, family, split, tasks, draw, observe, task_space)
 
 
 def make_point_dir(
@@ -129,9 +161,13 @@ def register_envs() -> None:
     """Register the ids; ``gym.make`` reads the render modes off the function, so each carries them."""
     vars(make_cheetah_dir)["metadata"] = CheetahDirEnv.metadata
     vars(make_cheetah_vel)["metadata"] = CheetahVelEnv.metadata
+    vars(make_cartpole_swing_up)["metadata"] = CartpoleSwingUpEnv.metadata
+    vars(make_cheetah_params)["metadata"] = CheetahParamsEnv.metadata
     vars(make_point_dir)["metadata"] = PointDirEnv.metadata
     vars(make_sparse_point_goal)["metadata"] = SparsePointGoalEnv.metadata
     gym.register("CheetahDir-v0", f"{__name__}:make_cheetah_dir", max_episode_steps=200)
     gym.register("CheetahVel-v0", f"{__name__}:make_cheetah_vel", max_episode_steps=200)
+    gym.register("CartpoleSwingUp-v0", f"{__name__}:make_cartpole_swing_up", max_episode_steps=200)
+    gym.register("CheetahParams-v0", f"{__name__}:make_cheetah_params", max_episode_steps=200)
     gym.register("PointDir-v0", f"{__name__}:make_point_dir", max_episode_steps=30)
     gym.register("SparsePointGoal-v0", f"{__name__}:make_sparse_point_goal")  # ends itself, after n_episodes

@@ -10,7 +10,13 @@ import sb3_bruno_envs  # noqa: F401  # registers the ids
 
 
 @pytest.mark.parametrize(
-    "env_id", ["PointDir-v0", "SparsePointGoal-v0", pytest.param("CheetahDir-v0", marks=pytest.mark.mujoco)]
+    "env_id",
+    [
+        "PointDir-v0",
+        "CartpoleSwingUp-v0",
+        "SparsePointGoal-v0",
+        pytest.param("CheetahDir-v0", marks=pytest.mark.mujoco),
+    ],
 )
 def test_an_episode_becomes_a_video(env_id, tmp_path, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", os.environ.get("MUJOCO_GL", "egl"))
