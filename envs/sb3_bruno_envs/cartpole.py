@@ -37,9 +37,9 @@ class CartpoleSwingUpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         th'' = 3 / (2 l) (g sin th + cos th x'')
 
     This is the cart-pole of Deisenroth, *Efficient Reinforcement Learning using Gaussian Processes* (2010),
-    appendix C, who counts the angle from hanging. Explicit Euler steps of 0.01 s integrate them, and feed energy to fast
-    swings: unforced ones of 0.1 rad grow to 1.5 rad within 200 steps at M = 0.1 kg, l = 0.1 m, to 0.24 rad at 0.5 kg,
-    0.25 m.
+    appendix C, who counts the angle from hanging. Explicit Euler steps of 0.01 s integrate them and feed
+    energy to fast swings: unforced ones of 0.1 rad grow to 1.5 rad within 200 steps at M = 0.1 kg, l = 0.1 m, to
+    0.24 rad at 0.5 kg, 0.25 m.
 
     The observation is ``(x, x', cos th, sin th, th')``, ``(5,)``. The action ``(1,)``, clipped to [-1, 1], is the force
     in units of 10 N. An episode starts with x, x', th - pi and th' from N(0, 0.2^2), and terminates when
