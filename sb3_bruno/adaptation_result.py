@@ -87,7 +87,7 @@ class AdaptationResult:
         """
         if n_episodes < 1 or self.horizon % n_episodes:
             raise ValueError(
-                f"n_episodes={n_episodes} does not cut {self.horizon} steps into equal parts: give what Trial was given."
+                f"n_episodes={n_episodes} does not cut {self.horizon} steps evenly: give what Trial was given."
             )
         if np.isnan(self.rewards).any():
             raise ValueError(

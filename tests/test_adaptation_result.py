@@ -44,7 +44,7 @@ def test_returns_of_the_episodes_of_trials() -> None:
 
 @pytest.mark.parametrize("n_episodes", [0, -1, 3])
 def test_trials_that_cannot_be_cut_evenly_are_refused(n_episodes: int) -> None:
-    with pytest.raises(ValueError, match=rf"n_episodes={n_episodes} does not cut 4 steps into equal parts"):
+    with pytest.raises(ValueError, match=rf"n_episodes={n_episodes} does not cut 4 steps evenly"):
         result_of([1, 2, 3, 4]).returns_per_episode(n_episodes)
 
 
