@@ -142,6 +142,12 @@ def test_bound_without_noise_is_eq_4_by_a_dense_gaussian(monkeypatch):
     assert bound == pytest.approx(expected.mean().item(), rel=1e-9)
 
 
+def test_next_observations_are_modelled_as_changes():
+    encoder, transitions = encoder_of(modelled="next_observations"), transitions_of(6)
+    moved = Transitions(*transitions)._replace(next_observations=transitions.observations + 1)
+    th.testing.assert_close(encoder._y(moved), th.ones(6, 3, dtype=th.float64))
+
+
 @pytest.mark.parametrize("process", PROCESSES)
 def test_holdout_scores_what_comes_after_the_context_alone(monkeypatch, process):
     encoder, transitions = encoder_of(extra_dims=0, process=process, objective="holdout").eval(), transitions_of(2, 8)
@@ -190,7 +196,7 @@ def test_standardising_changes_the_map_and_not_what_the_bound_measures():
     def whole(y):
         return encoder.latents(one._replace(rewards=y[:1], next_observations=y[1:]), noise)
 
-    jacobian = th.autograd.functional.jacobian(whole, encoder._y(one))
+    jacobian = th.autograd.functional.jacobian(whole, th.cat([one.rewards, one.next_observations]))
     assert jacobian.shape == (4, 4)
     log_det = encoder.latents_and_log_det(one, noise).log_det
     th.testing.assert_close(log_det, jacobian.slogdet().logabsdet, rtol=1e-6, atol=1e-8)

@@ -133,9 +133,12 @@ class BrunoEncoder(TaskEncoder):
         return th.cat([observations, actions, *([next_observations] if self._condition_on_next else [])], dim=-1)
 
     def _y(self, transitions: Transitions) -> Tensor:
-        """What is modelled, without the noise: r, s' or (r, s')."""
-        parts = [transitions.rewards[..., : self._reward_dim]]
-        return th.cat([*parts, transitions.next_observations[..., : self._next_observation_dim]], dim=-1)
+        """What is modelled, without the noise: r, s' or (r, s').
+
+        s' as the change s' - s, which given s has the same density and shows what a step does.
+        """
+        change = transitions.next_observations - transitions.observations
+        return th.cat([transitions.rewards[..., : self._reward_dim], change[..., : self._next_observation_dim]], dim=-1)
 
     def empty(self, batch_shape: tuple[int, ...] = ()) -> Statistics:
         return self.process.empty(batch_shape)
@@ -216,10 +219,10 @@ class BrunoEncoder(TaskEncoder):
         z = self.process.sample(LatentStatistics(*statistics), n_samples)
         x = self.standardize_x(th.cat(given, dim=-1)).expand(n_samples, *observations.shape[:-1], -1)
         y = self.standardize_y.inverse(self.flow.inverse(z, x)[..., : self.latent_dim - self.noise_dim])
-        rewards, arrivals = y.split([self._reward_dim, self._next_observation_dim], dim=-1)
+        rewards, changes = y.split([self._reward_dim, self._next_observation_dim], dim=-1)
         return Outcomes(
             rewards if self._reward_dim else None,
-            arrivals if self._next_observation_dim else None,
+            observations + changes if self._next_observation_dim else None,
         )
 
     def diagnostics(self) -> dict[str, float]:
