@@ -5,9 +5,9 @@
 Trains BRUNO on transitions of random actions under the training tasks of CheetahVel-v0, every choice with every other
 and with the same data and the same number of updates, and tests it on the test tasks: the bound in nats per
 transition, each given those before it (which is the same quantity whatever the objective was), over all steps and over
-those with ten or more before them, and how much of the
-variance of the task a linear read-out of the posterior mean explains after 1, 10 and 40 transitions. Prints a row per
-choice, median and range over the seeds, and saves every number as JSON.
+those with ten or more before them, and how much of the variance of the task a linear read-out of the posterior mean
+explains after 1, 10 and 40 transitions. Prints a row per choice, median and range over the seeds, and saves every
+number as JSON.
 """
 
 from __future__ import annotations
