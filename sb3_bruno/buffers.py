@@ -20,6 +20,7 @@ from sb3_bruno.encoded_sequences import EncodedSequences, Slots
 from sb3_bruno.encoders import TaskEncoder, Transitions
 from sb3_bruno.extended_obs import ExtendedObs
 from sb3_bruno.task_index import SlotQueue, TaskIndex
+from sb3_bruno.transfer import to_device
 
 Context = Literal["iid", "recent", "episode"]
 _RING = (
@@ -211,12 +212,14 @@ class TaskReplayBuffer(ReplayBuffer):
             beliefs = self._encoder.belief(self._encoder.prefixes(transitions, weights=weights))
         tasks = self.to_torch(drawn)[:, None].expand(-1, slots.shape[1], -1)
         dones = self._flat(self.dones)[slots] * (1 - self._flat(self.timeouts)[slots])
+        scalars = [self._normalize_reward(self._flat(self.rewards)[slots], env)[..., None], dones[..., None]]
+        actions, rewards, done = to_device([self._flat(self.actions)[slots], *scalars], self.device)
         samples = ReplayBufferSamples(
             observations=self._layout.join(transitions.observations, beliefs[:, :-1], tasks),
-            actions=self.to_torch(self._flat(self.actions)[slots], copy=False),
+            actions=actions,
             next_observations=self._layout.join(transitions.next_observations, beliefs[:, 1:], tasks),
-            dones=self.to_torch(dones[..., None], copy=False),
-            rewards=self.to_torch(self._normalize_reward(self._flat(self.rewards)[slots][..., None], env), copy=False),
+            dones=done,
+            rewards=rewards,
         )
         return EncodedSequences(samples, lengths, self.rng)
 
@@ -253,12 +256,8 @@ class TaskReplayBuffer(ReplayBuffer):
         if env is not None and env.norm_obs:
             observation = env.normalize_obs({**arrival, "observation": observation})["observation"]
             arrival = env.normalize_obs(arrival)
-        return Transitions(
-            *(
-                self.to_torch(one, copy=False).float()
-                for one in (observation, arrival["action"], arrival["reward"], arrival["observation"])
-            )
-        )
+        parts = [observation, arrival["action"], arrival["reward"], arrival["observation"]]
+        return Transitions(*to_device(parts, self.device))
 
     def absorbed(self, slots: Slots) -> th.Tensor:
         """1 where an agent absorbs the transition in its slot, 0 where not, shape (...).

@@ -40,5 +40,5 @@ class EncodedSequences:
         self._n_read += per_row
         steps = np.take_along_axis(self._order, turns, axis=1).T.ravel()[:batch_size]
         rows = np.tile(np.arange(len(self._order)), per_row)[:batch_size]
-        places = th.as_tensor(rows * self._order.shape[1] + steps)
+        places = th.as_tensor(rows * self._order.shape[1] + steps, device=self._samples.rewards.device)
         return ReplayBufferSamples(*(one.flatten(0, 1)[places] for one in self._samples if one is not None))

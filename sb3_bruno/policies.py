@@ -17,13 +17,16 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, Flatten
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 from stable_baselines3.common.utils import is_vectorized_observation
 
-from sb3_bruno.encoders import BrunoEncoder, TaskEncoder, Transitions
+from sb3_bruno.encoders import BrunoEncoder, Statistics, TaskEncoder, Transitions
 from sb3_bruno.extended_obs import CriticInput, ExtendedObs, SliceExtractor
+from sb3_bruno.transfer import to_device, to_host
 
-Observation = NDArray[Any] | dict[str, NDArray[Any]]
+Observation = NDArray[Any] | th.Tensor | dict[str, NDArray[Any]]
 State = tuple[NDArray[Any], ...]
 """What an agent carries from step to step: the encoder's statistics, and last the observation it came from.
 Every array has shape (n_envs, anything)."""
+DeviceState = tuple[th.Tensor, ...]
+"""The same as tensors on the policy's device, as a rollout carries it."""
 
 
 class TaskInferencePolicy(BasePolicy):
@@ -111,39 +114,38 @@ class TaskInferencePolicy(BasePolicy):
         """As SB3's recurrent policies: pass back the ``state`` that the last call returned.
 
         :param observation: what ``TransitionObservation`` returns, or a batch of it; an extended observation
-            (an array, as in the replay buffer) is acted on as it is
+            (an array or tensor, as in the replay buffer) is acted on as it is
         :param state: the belief so far; None is the prior
         :param episode_start: where True, shape (n_envs,), the belief starts again from the prior
         :param deterministic: the actor's mode instead of a sample
         :return: the actions, and the state after this observation
         """
         if not isinstance(observation, dict):
-            return super().predict(observation, state, episode_start, deterministic)
-        extended, state = self.extend(observation, state, episode_start)
-        actions, _ = super().predict(extended, deterministic=deterministic)
-        return actions, state
+            return super().predict(observation, state, episode_start, deterministic)  # type: ignore[arg-type]  # as it is
+        carried = None if state is None else to_device(state, self.device)
+        extended, carried = self.extend(observation, carried, episode_start)
+        actions, _ = super().predict(extended, deterministic=deterministic)  # type: ignore[arg-type]  # likewise
+        return actions, to_host(carried)
 
     @th.inference_mode()
     def extend(
         self,
         observation: dict[str, NDArray[Any]],
-        state: State | None = None,
+        state: DeviceState | None = None,
         episode_start: NDArray[Any] | None = None,
-    ) -> tuple[NDArray[np.float32], State]:
+    ) -> tuple[th.Tensor, DeviceState]:
         """Absorb the transition that led to ``observation`` and lay out the extended observation.
 
         The Dict's own ``episode_start`` says that no transition led here; the argument says that the belief
-        starts again.
+        starts again. All that comes from the host goes to the device in one transfer, and nothing comes back.
 
         :return: the extended observation, shape (n_envs, dim) or (dim,) as ``observation`` was, and the next state
         """
         vectorized = is_vectorized_observation(observation["observation"], self.observation_space["observation"])
         n_envs = len(observation["observation"]) if vectorized else 1
-        device = self.device
-        here, action, reward = (
-            th.as_tensor(observation[key], dtype=th.float32, device=device).reshape(n_envs, -1)
-            for key in ("observation", "action", "reward")
-        )
+        fresh = np.zeros(n_envs, dtype=bool)
+        if episode_start is not None:
+            fresh = np.asarray(episode_start, dtype=bool).reshape(n_envs)
         began = np.asarray(observation["episode_start"]).reshape(n_envs) > 0  # also if VecNormalize has centred it
         if state is None:
             if not began.all():
@@ -152,21 +154,19 @@ class TaskInferencePolicy(BasePolicy):
                     "the state that the last call returned.",
                     stacklevel=4,
                 )
-            statistics = self.encoder.empty((n_envs,))
-            began = np.ones_like(began)
-            before = here
-        else:
-            *carried, before = (th.as_tensor(one, device=device) for one in state)
-            statistics = tuple(carried)
-        if episode_start is not None:
-            fresh = np.asarray(episode_start, dtype=bool).reshape(n_envs)
-            statistics = _where(fresh, self.encoder.empty((n_envs,)), statistics)
-            began = began | fresh
-        transitions = Transitions(before, action, reward, here)
-        statistics = _where(began, statistics, self.encoder.absorb(statistics, transitions))
-        extended = self.layout.join(here, self.encoder.belief(statistics)).cpu().numpy()
-        next_state = tuple(one.cpu().numpy() for one in (*statistics, here.clone()))  # an env may reuse its array
-        return (extended if vectorized else extended[0]), next_state
+            fresh = np.ones_like(began)
+        began = began | fresh
+        parts = [observation["observation"], observation["action"], observation["reward"], fresh, began]
+        here, action, reward, fresh_column, began_column = to_device(
+            [np.asarray(one).reshape(n_envs, -1) for one in parts], self.device
+        )
+        nothing = self.encoder.empty((n_envs,))
+        *carried, before = (*nothing, here) if state is None else state
+        statistics = _where(fresh_column > 0, nothing, tuple(carried)) if fresh.any() else tuple(carried)
+        absorbed = self.encoder.absorb(statistics, Transitions(before, action, reward, here))
+        statistics = _where(began_column > 0, statistics, absorbed) if began.any() else absorbed
+        extended = self.layout.join(here, self.encoder.belief(statistics))
+        return (extended if vectorized else extended[0]), (*statistics, here)
 
     def set_training_mode(self, mode: bool) -> None:
         """As SB3; where nothing changes nothing is done, for SB3 asks twice in every step of a rollout."""
@@ -180,7 +180,7 @@ class TaskInferencePolicy(BasePolicy):
         """
         if isinstance(observation, dict):
             return super().obs_to_tensor(observation)
-        array = np.asarray(observation)
+        array = observation if isinstance(observation, th.Tensor) else np.asarray(observation)
         if array.shape[-1:] != (self.layout.dim,):
             raise ValueError(
                 f"Expected the Dict of `TransitionObservation` or an extended observation of size {self.layout.dim}, "
@@ -189,9 +189,6 @@ class TaskInferencePolicy(BasePolicy):
         return th.as_tensor(array, device=self.device).reshape(-1, self.layout.dim), array.ndim > 1
 
 
-def _where(mask: NDArray[np.bool_], yes: tuple[th.Tensor, ...], no: tuple[th.Tensor, ...]) -> tuple[th.Tensor, ...]:
-    """Choose statistics per env. mask: (n_envs,)"""
-    if not mask.any():
-        return no
-    column = th.as_tensor(mask, device=no[0].device)[:, None]
-    return tuple(th.where(column, a, b) for a, b in zip(yes, no, strict=True))
+def _where(mask: th.Tensor, yes: Statistics, no: Statistics) -> Statistics:
+    """Choose statistics per env. mask: (n_envs, 1)"""
+    return tuple(th.where(mask, a, b) for a, b in zip(yes, no, strict=True))

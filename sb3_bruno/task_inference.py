@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import pathlib
+from collections.abc import Iterable
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -32,7 +33,9 @@ from sb3_bruno.checks import (
 )
 from sb3_bruno.encoders import BrunoEncoder, Outcomes, TaskEncoder, Transitions
 from sb3_bruno.extended_obs import CriticInput
-from sb3_bruno.policies import State, TaskInferencePolicy
+from sb3_bruno.late_log import record_late
+from sb3_bruno.policies import DeviceState, State, TaskInferencePolicy
+from sb3_bruno.transfer import to_device, to_host
 
 SelfTaskInference = TypeVar("SelfTaskInference", bound="TaskInference")
 
@@ -80,8 +83,8 @@ class TaskInference(OffPolicyAlgorithm):
         self.encoder_learning_starts = encoder_learning_starts
         self._n_encoder_updates = 0
         self._encoder_updates_due = 0.0
-        self._belief_state: State | None = None
-        self._next_belief_state: State | None = None
+        self._belief_state: DeviceState | None = None
+        self._next_belief_state: DeviceState | None = None
         inference = {"encoder_class": encoder_class, "encoder_kwargs": encoder_kwargs, "critic_input": critic_input}
         kwargs["policy_kwargs"] = join_policy_kwargs(kwargs.get("policy_kwargs"), inference)
         super().__init__(resolve_policy(policy, self.policy_aliases), env, *args, **kwargs)
@@ -96,6 +99,8 @@ class TaskInference(OffPolicyAlgorithm):
         self.encoder_lr_schedule = FloatSchedule(self.encoder_learning_rate)
         self.encoder_optimizer = th.optim.Adam(self.encoder.parameters(), lr=self.encoder_lr_schedule(1), fused=True)
         self.bind_buffer()
+        if self._belief_state is not None:  # loaded, as the arrays that ``save`` made of it
+            self._belief_state = to_device([np.asarray(one) for one in self._belief_state], self.device)
 
     def _create_aliases(self) -> None:
         super()._create_aliases()  # type: ignore[misc]  # of the algorithm that this is mixed into
@@ -142,7 +147,7 @@ class TaskInference(OffPolicyAlgorithm):
         extended, self._next_belief_state = self.policy.extend(
             env_observation, self._belief_state, self._last_episode_starts
         )
-        self._last_obs = extended
+        self._last_obs = extended  # type: ignore[assignment]  # a tensor, which predict takes as it is
         try:
             return super()._sample_action(learning_starts, action_noise, n_envs)
         finally:
@@ -197,11 +202,10 @@ class TaskInference(OffPolicyAlgorithm):
         self.encoder.eval()
         self._n_encoder_updates += n_updates
         self._recall_running_episodes()
-        self.logger.record("encoder/bound_nats", bounds.mean().item())
         self.logger.record("encoder/learning_rate", learning_rate)
         self.logger.record("encoder/n_updates", self._n_encoder_updates, exclude="tensorboard")
-        for name, value in self.encoder.diagnostics().items():
-            self.logger.record(f"encoder/{name}", value)
+        scalars = {"bound_nats": bounds.mean(), **self.encoder.diagnostics()}
+        record_late(self.logger, {f"encoder/{name}": value for name, value in scalars.items()})
 
     def _update_encoder(self) -> th.Tensor:
         """One step up the bound. Returns it, a scalar in nats per transition, left on its device."""
@@ -223,12 +227,13 @@ class TaskInference(OffPolicyAlgorithm):
         transitions = self.replay_buffer.transitions(slots, self._vec_normalize_env)
         with th.no_grad():
             prefixes = self.encoder.prefixes(transitions, weights=self.replay_buffer.absorbed(slots))
-            envs, known = np.arange(self.n_envs), np.maximum(lengths - 1, 0)
+            envs = th.arange(self.n_envs, device=self.device)
+            known = th.as_tensor(np.maximum(lengths - 1, 0), device=self.device)
             statistics = tuple(one[envs, known] for one in prefixes)
             belief = self.encoder.posterior(statistics)
-        self._belief_state = (*(one.cpu().numpy() for one in statistics), self._belief_state[-1])
-        self.logger.record("belief/mean_abs", belief.mean.abs().mean().item())
-        self.logger.record("belief/var", belief.variance.mean().item())
+        self._belief_state = (*statistics, self._belief_state[-1])
+        scalars = {"belief/mean_abs": belief.mean.abs().mean(), "belief/var": belief.variance.mean()}
+        record_late(self.logger, scalars)
 
     # -- asking ----------------------------------------------------------------------------------------------
 
@@ -273,8 +278,22 @@ class TaskInference(OffPolicyAlgorithm):
         read_task_space(wrapped, self.task_space)
         super().set_env(wrapped, force_reset)
 
+    def save(
+        self,
+        path: str | pathlib.Path | io.BufferedIOBase,
+        exclude: Iterable[str] | None = None,
+        include: Iterable[str] | None = None,
+    ) -> None:
+        """As in SB3; the belief of a running episode is kept as arrays, which load on any device."""
+        carried = self._belief_state
+        self._belief_state = None if carried is None else to_host(carried)  # type: ignore[assignment]  # for now
+        try:
+            super().save(path, exclude, include)
+        finally:
+            self._belief_state = carried
+
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "encoder", "encoder_optimizer"]
+        return [*super()._excluded_save_params(), "encoder", "encoder_optimizer", "_next_belief_state"]
 
     def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
         state_dicts, variables = super()._get_torch_save_params()

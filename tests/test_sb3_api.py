@@ -304,7 +304,7 @@ def test_policy_and_actor_are_saved_alone(tmp_path, trained):
     assert_same(policy.state_dict(), trained.policy.state_dict())
     expected, state = trained.predict(observation, deterministic=True)
     assert_same(policy.predict(observation, deterministic=True), (expected, state))
-    assert_same(actor.predict(extended, deterministic=True)[0], expected)
+    assert_same(actor.predict(extended.numpy(), deterministic=True)[0], expected)
 
 
 def test_parameters_move_from_model_to_model(make_model):

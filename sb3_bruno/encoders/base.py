@@ -123,5 +123,5 @@ class TaskEncoder(nn.Module, ABC):
         """
 
     @abstractmethod
-    def diagnostics(self) -> dict[str, float]:
-        """Scalars worth a line in the log, by name."""
+    def diagnostics(self) -> dict[str, Tensor]:
+        """Scalars worth a line in the log, by name: tensors of shape (), left on their device."""

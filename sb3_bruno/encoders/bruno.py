@@ -225,10 +225,10 @@ class BrunoEncoder(TaskEncoder):
             observations + changes if self._next_observation_dim else None,
         )
 
-    def diagnostics(self) -> dict[str, float]:
+    def diagnostics(self) -> dict[str, Tensor]:
         correlation = self.process.cov / self.process.var
         return {
-            "process_var_mean": self.process.var.mean().item(),
-            "process_correlation_mean": correlation.mean().item(),
-            "process_correlation_max": correlation.max().item(),
+            "process_var_mean": self.process.var.mean(),
+            "process_correlation_mean": correlation.mean(),
+            "process_correlation_max": correlation.max(),
         }
