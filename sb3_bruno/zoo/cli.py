@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import runpy
 import sys
@@ -55,6 +56,9 @@ def train(arguments: Arguments) -> None:
     TaskExperiment.folder, TaskExperiment.has_started = own.resume, False
     if own.resume is not None:
         own, rest = parser.parse_known_args(_command_of(own.resume))
+    for needed in ("wandb", "tensorboard") if "--track" in rest else ():
+        if importlib.util.find_spec(needed) is None:
+            raise Mistake(f"--track needs {needed}, which is not installed: pip install 'sb3_bruno[wandb]'")
     TaskExperiment.checkpoint_freq = own.checkpoint_freq
     vars(rl_zoo3.train)["ExperimentManager"] = TaskExperiment  # what train() makes
     _call(rl_zoo3.train.train, "train", _with_defaults(rest, {**DEFAULTS, "--num-threads": "1"}))
