@@ -61,7 +61,7 @@ class AgentView:
 
     def carried(self, state: State) -> TaskBelief:
         """The belief in a state that ``predict`` returned, batch shape (n_envs,)."""
-        statistics = tuple(th.as_tensor(one, device=self.policy.device) for one in state[:-1])
+        statistics = self.policy.statistics(tuple(th.as_tensor(one, device=self.policy.device) for one in state))
         with th.no_grad():
             return TaskBelief(self.encoder.posterior(statistics), statistics)
 

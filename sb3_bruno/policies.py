@@ -19,12 +19,13 @@ from stable_baselines3.common.utils import is_vectorized_observation
 
 from sb3_bruno.encoders import BrunoEncoder, Statistics, TaskEncoder, Transitions
 from sb3_bruno.extended_obs import CriticInput, ExtendedObs, SliceExtractor
+from sb3_bruno.forgetting import Suspicion, absorb_or_forget, no_suspicion, where
 from sb3_bruno.transfer import to_device, to_host
 
 Observation = NDArray[Any] | th.Tensor | dict[str, NDArray[Any]]
 State = tuple[NDArray[Any], ...]
-"""What an agent carries from step to step: the encoder's statistics, and last the observation it came from.
-Every array has shape (n_envs, anything)."""
+"""What an agent carries from step to step: the encoder's statistics, the observation it came from and, where it may
+forget, the evidence of a switch and the statistics since that began. Every array has shape (n_envs, anything)."""
 DeviceState = tuple[th.Tensor, ...]
 """The same as tensors on the policy's device, as a rollout carries it."""
 
@@ -39,8 +40,11 @@ class TaskInferencePolicy(BasePolicy):
     :param encoder_class: task encoder, built from ``(observation_dim, action_dim, **encoder_kwargs)``
     :param encoder_kwargs: further arguments of the encoder
     :param critic_input: what critics read beside observation and action: "task", "belief" or "both"
+    :param forget_threshold: nats of evidence for another task at which the belief forgets what came before; None:
+        never. For tasks that switch in mid-episode; may be set on a trained policy
     :param kwargs: arguments of the policy that this is mixed into
-    :raises ValueError: if a features extractor is asked for, which the extended observation would drop silently
+    :raises ValueError: if a features extractor is asked for, which the extended observation would drop silently, or
+        ``forget_threshold`` is not positive
     """
 
     observation_space: spaces.Dict
@@ -58,8 +62,11 @@ class TaskInferencePolicy(BasePolicy):
         encoder_class: type[TaskEncoder] = BrunoEncoder,
         encoder_kwargs: dict[str, Any] | None = None,
         critic_input: CriticInput = "task",
+        forget_threshold: float | None = None,
         **kwargs: Any,
     ) -> None:
+        if forget_threshold is not None and not forget_threshold > 0:
+            raise ValueError(f"`forget_threshold` must be positive nats, got {forget_threshold}: None never forgets.")
         if kwargs.get("features_extractor_class", FlattenExtractor) is not FlattenExtractor:
             raise ValueError(
                 f"`features_extractor_class={kwargs['features_extractor_class']!r}` is not supported: actor and "
@@ -73,12 +80,14 @@ class TaskInferencePolicy(BasePolicy):
         self.encoder_class = encoder_class
         self.encoder_kwargs = dict(encoder_kwargs or {})
         self.critic_input = critic_input
+        self.forget_threshold = forget_threshold
         super().__init__(observation_space, action_space, lr_schedule, **kwargs)
 
     def _build(self, lr_schedule: Schedule) -> None:
         observation_dim = spaces.flatdim(self.observation_space["observation"])
         self.encoder = self.encoder_class(observation_dim, spaces.flatdim(self.action_space), **self.encoder_kwargs)
         self.encoder.eval()  # but for its own updates
+        self._n_statistics = len(self.encoder.empty())
         self.layout = ExtendedObs(observation_dim, self.encoder.belief_dim, spaces.flatdim(self.task_space))
         for net_kwargs in (self.actor_kwargs, self.critic_kwargs):
             net_kwargs["observation_space"] = self.layout.space
@@ -99,6 +108,7 @@ class TaskInferencePolicy(BasePolicy):
             encoder_class=self.encoder_class,
             encoder_kwargs=self.encoder_kwargs,
             critic_input=self.critic_input,
+            forget_threshold=self.forget_threshold,
         )
         return data
 
@@ -160,13 +170,36 @@ class TaskInferencePolicy(BasePolicy):
         here, action, reward, fresh_column, began_column = to_device(
             [np.asarray(one).reshape(n_envs, -1) for one in parts], self.device
         )
-        nothing = self.encoder.empty((n_envs,))
+        nothing = self._no_memory(n_envs)
         *carried, before = (*nothing, here) if state is None else state
-        statistics = _where(fresh_column > 0, nothing, tuple(carried)) if fresh.any() else tuple(carried)
-        absorbed = self.encoder.absorb(statistics, Transitions(before, action, reward, here))
-        statistics = _where(began_column > 0, statistics, absorbed) if began.any() else absorbed
-        extended = self.layout.join(here, self.encoder.belief(statistics))
-        return (extended if vectorized else extended[0]), (*statistics, here)
+        memory = (*carried, *nothing[len(carried) :])  # what a policy that never forgot has not carried
+        memory = where(fresh_column > 0, nothing, memory) if fresh.any() else memory
+        absorbed = self._absorb(memory, Transitions(before, action, reward, here))
+        memory = where(began_column > 0, memory, absorbed) if began.any() else absorbed
+        extended = self.layout.join(here, self.encoder.belief(self.statistics(memory)))
+        return (extended if vectorized else extended[0]), (*memory, here)
+
+    def statistics(self, state: DeviceState) -> Statistics:
+        """What the encoder keeps, which comes first in a state."""
+        return state[: self._n_statistics]
+
+    def _no_memory(self, n_envs: int) -> DeviceState:
+        """What is carried beside the observation, at an episode's start."""
+        if self.forget_threshold is None:
+            return self.encoder.empty((n_envs,))
+        evidence, recent = no_suspicion(self.encoder, (n_envs,))
+        return (*self.encoder.empty((n_envs,)), *recent, evidence)
+
+    def _absorb(self, memory: DeviceState, transitions: Transitions) -> DeviceState:
+        statistics = self.statistics(memory)
+        if self.forget_threshold is None:
+            return self.encoder.absorb(statistics, transitions)
+        *recent, evidence = memory[len(statistics) :]
+        suspicion = Suspicion(evidence, tuple(recent))
+        statistics, suspicion = absorb_or_forget(
+            self.encoder, statistics, suspicion, transitions, self.forget_threshold
+        )
+        return (*statistics, *suspicion.recent, suspicion.evidence)
 
     def set_training_mode(self, mode: bool) -> None:
         """As SB3; where nothing changes nothing is done, for SB3 asks twice in every step of a rollout."""
@@ -187,8 +220,3 @@ class TaskInferencePolicy(BasePolicy):
                 f"got an array of shape {array.shape}: wrap the env in `sb3_bruno_envs.TransitionObservation`."
             )
         return th.as_tensor(array, device=self.device).reshape(-1, self.layout.dim), array.ndim > 1
-
-
-def _where(mask: th.Tensor, yes: Statistics, no: Statistics) -> Statistics:
-    """Choose statistics per env. mask: (n_envs, 1)"""
-    return tuple(th.where(mask, a, b) for a, b in zip(yes, no, strict=True))

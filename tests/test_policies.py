@@ -196,3 +196,31 @@ def test_what_would_be_dropped_silently_raises(bad):
         bad = {"features_extractor_class": type("Mine", (), {})}
     with pytest.raises(ValueError, match=next(iter(bad))):
         make_policy(**bad)
+
+
+def test_forgetting_is_off_by_default_and_never_at_a_threshold_out_of_reach():
+    plain, patient = make_policy(), make_policy(forget_threshold=1e9)
+    assert plain.forget_threshold is None and patient._get_constructor_parameters()["forget_threshold"] == 1e9
+    for one, two in zip(rollout(plain, make_env(), 20)[1], rollout(patient, make_env(), 20)[1], strict=True):
+        assert (len(one), len(two)) == (4, 8)  # statistics, the same since a suspicion began, its evidence, observation
+        for a, b in zip((*one[:3], one[-1]), (*two[:3], two[-1]), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-6)
+
+
+def test_a_trained_policy_may_be_told_to_forget_in_mid_episode():
+    policy = make_policy()
+    seen, states = rollout(policy, make_env(), 20)
+    policy.forget_threshold = 0.01  # nats: the first doubt will do
+    state = states[9]
+    for observation in seen[10:]:
+        elsewhere = {**observation, "reward": 20 - observation["reward"]}  # as no transition before
+        _, state = policy.predict(elsewhere, state, np.zeros(3, dtype=bool))
+    assert (state[0] < states[-1][0]).any() and (state[0] >= 1).all()
+    began = {**seen[-1], "episode_start": np.ones((3, 1), np.float32)}  # no transition led here: nothing to doubt
+    for one, two in zip(policy.predict(began, state, np.zeros(3, dtype=bool))[1][:-1], state[:-1], strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+def test_a_threshold_of_no_nats_is_refused():
+    with pytest.raises(ValueError, match="forget_threshold"):
+        make_policy(forget_threshold=0.0)
