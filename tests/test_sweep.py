@@ -112,6 +112,18 @@ def wait_for_a_trial_of(pid, study):
     raise AssertionError("the worker never began")
 
 
+def test_a_worker_stops_after_its_own_number_of_trials(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    init("x.log", "s")
+    run = ["sweep", "run", "--storage", "x.log", "--study-name", "s", "--n-trials"]
+    for n_trials, total in ((1, 1), (2, 3)):
+        main([*run, str(n_trials)])
+        trials = load_study("x.log", "s").trials
+        assert len(trials) == total and all(trial.state.is_finished() for trial in trials)
+    main([*run, "5", "--max-total-trials", "4"])  # whichever comes first
+    assert len(load_study("x.log", "s").trials) == 4
+
+
 def test_a_trial_is_judged_on_held_out_training_tasks():
     experiment = SweepExperiment(settings("CheetahVel-v0"))
     train = experiment.create_envs(2).get_attr("task_distribution")[0].tasks("train")

@@ -22,7 +22,7 @@ from sb3_bruno.video import record_tasks
 from sb3_bruno.zoo.cli import COMMANDS, main
 from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.registry import ALGORITHMS, config_file, configs_folder
-from sb3_bruno_envs import POINT_DIR_TASKS
+from sb3_bruno_envs import CHEETAH_VEL_TASKS, POINT_DIR_TASKS
 
 CONFIGS = sorted(configs_folder().rglob("*.yml"))
 TINY = [
@@ -101,6 +101,36 @@ def test_train_evaluate_enjoy_record_and_plot(run, tmp_path):
     assert run(*tiny("-conf", "oracle", algo="sac"))[1] == ""
     assert run("plot", "-a", "bruno_sac", "sac", "-e", "PointDir-v0")[1] == ""
     assert (tmp_path / "curves.png").stat().st_size > 10_000
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """A log folder with two runs of PointDir, each evaluated once, after 320 env steps."""
+    folder = tmp_path_factory.mktemp("runs") / "logs"
+    for seed, steps in ((1, 480), (2, 600)):
+        main(list(map(str, tiny("-f", folder, "--eval-freq", 320, "--seed", seed, steps=steps))))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("flags", "seed", "env_steps"),
+    [([], 2, 600), (["--exp-id", 1], 1, 480), (["--exp-id", 1, "--load-best"], 1, 320), (["--load-best"], 2, 320)],
+    ids=str,
+)
+def test_evaluate_takes_the_run_and_the_model_asked_for(run, logs, tmp_path, flags, seed, env_steps):
+    arguments = ["--env", "PointDir-v0", "-f", logs, "--episodes", 1, "--steps", 5, "--out", tmp_path]
+    assert run("evaluate", *arguments, *flags)[1] == ""
+    config = AdaptationResult.load(tmp_path / "adaptation.json").config
+    assert (config["seed"], config["env_steps"]) == (seed, env_steps)
+
+
+@pytest.mark.mujoco
+def test_evaluate_tests_on_the_split_asked_for(run, tmp_path):
+    assert run(*tiny("--eval-freq", -1, env="CheetahVel-v0", steps=20))[1] == ""
+    for flags, split in (([], "test"), (["--split", "test"], "test"), (["--split", "train"], "train")):
+        run("evaluate", "--env", "CheetahVel-v0", "--episodes", 1, "--steps", 1, "--out", tmp_path, *flags)
+        tasks = AdaptationResult.load(tmp_path / "adaptation.json").tasks
+        np.testing.assert_array_equal(tasks, CHEETAH_VEL_TASKS.tasks(split))
 
 
 def test_a_video_draws_the_belief_under_each_task(tmp_path):
