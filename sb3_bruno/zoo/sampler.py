@@ -1,4 +1,7 @@
-"""The search space of our algorithms, in the form in which rl_zoo3 keeps those of its own."""
+"""The search space of our algorithms, in the form in which rl_zoo3 keeps those of its own.
+
+Its upper ends are what one core can pay for.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 from sb3_bruno.zoo.registry import ALGORITHMS
 
 NETS = {"small": [64, 64], "medium": [128, 128], "big": [256, 256]}
+ENCODER_KWARGS = ("flow_class", "extra_dims", "condition_on_next", "process", "objective")
 
 
 def sample_bruno(trial: optuna.Trial, n_actions: int, n_envs: int, additional_args: dict[str, Any]) -> dict[str, Any]:
@@ -24,17 +28,19 @@ def sample_bruno(trial: optuna.Trial, n_actions: int, n_envs: int, additional_ar
     drawn = {
         "learning_rate": trial.suggest_float("learning_rate", 2e-4, 3e-3, log=True),
         "one_minus_gamma": trial.suggest_float("one_minus_gamma", 5e-3, 0.2, log=True),
-        "batch_size_pow": trial.suggest_int("batch_size_pow", 6, 9),
+        "batch_size_pow": trial.suggest_int("batch_size_pow", 6, 8),
         "net": trial.suggest_categorical("net", list(NETS)),
-        "updates_per_step_pow": trial.suggest_int("updates_per_step_pow", -3, 0),
+        "updates_per_step_pow": trial.suggest_int("updates_per_step_pow", -3, -1),
         "n_envs": n_envs,
         "context": trial.suggest_categorical("context", ["iid", "episode"]),
-        "sequence_length_pow": trial.suggest_int("sequence_length_pow", 5, 7),
+        "sequence_length_pow": trial.suggest_int("sequence_length_pow", 5, 6),
         "flow_class": trial.suggest_categorical("flow_class", ["paper_maf", "reflected_maf"]),
         "extra_dims": trial.suggest_int("extra_dims", 1, 4),
         "condition_on_next": trial.suggest_categorical("condition_on_next", [False, True]),
+        "process": trial.suggest_categorical("process", ["gaussian", "student_t"]),
+        "objective": trial.suggest_categorical("objective", ["paper", "prequential"]),
         "encoder_learning_rate": trial.suggest_float("encoder_learning_rate", 3e-4, 5e-3, log=True),
-        "encoder_update_ratio_pow": trial.suggest_int("encoder_update_ratio_pow", -3, 1),
+        "encoder_update_ratio_pow": trial.suggest_int("encoder_update_ratio_pow", -3, 0),
     }
     return convert_bruno(drawn)
 
@@ -54,7 +60,7 @@ def convert_bruno(sampled_params: dict[str, Any]) -> dict[str, Any]:
             "context": drawn["context"],
             "sequence_length": 2 ** drawn["sequence_length_pow"],
         },
-        "encoder_kwargs": {key: drawn[key] for key in ("flow_class", "extra_dims", "condition_on_next")},
+        "encoder_kwargs": {key: drawn[key] for key in ENCODER_KWARGS},
         "encoder_learning_rate": drawn["encoder_learning_rate"],
         "encoder_update_ratio": 2.0 ** drawn["encoder_update_ratio_pow"],
     }
