@@ -40,6 +40,21 @@ class Statistics(NamedTuple):
         return Statistics(n, total, self.scatter + other.scatter + between)
 
 
+class Distance(NamedTuple):
+    """How far a set of latents lies from what the process expects.
+
+    Under the model (beta / k) nu / (nu - 2) is distributed as F(k, nu), and where nu is infinite beta as chi-squared_k.
+
+    :ivar beta: squared Mahalanobis distance, summed over the dimensions that share a scale, shape (..., n_scales)
+    :ivar n_values: k, the number of values in it, shape (..., 1)
+    :ivar df: nu, degrees of freedom, shape (n_scales,)
+    """
+
+    beta: Tensor
+    n_values: Tensor
+    df: Tensor
+
+
 class ExchangeableGaussian(nn.Module):
     r"""Creates independent exchangeable Gaussian processes, one per latent dimension.
 
@@ -153,6 +168,11 @@ class ExchangeableGaussian(nn.Module):
         n, total, scatter = statistics
         scale = self.noise_var + n * self.cov  # D_n
         return scatter / self.noise_var + total.square() / (n.clamp(min=1) * scale)
+
+    def distance(self, statistics: Statistics) -> Distance:
+        """beta_n of each dimension, with what it should be distributed as."""
+        beta = self.squared_mahalanobis(statistics)
+        return Distance(beta, statistics.n, th.full_like(self.var, th.inf))
 
     def log_volume(self, statistics: Statistics) -> Tensor:
         """The log-determinant of the covariance of n latents, (n - 1) ln(v - rho) + ln D_n. Shape (..., dim)."""

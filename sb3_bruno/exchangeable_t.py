@@ -13,7 +13,7 @@ import torch as th
 from torch import Tensor, nn
 from torch.distributions import Distribution, Gamma, StudentT
 
-from sb3_bruno.exchangeable import ExchangeableGaussian, Statistics
+from sb3_bruno.exchangeable import Distance, ExchangeableGaussian, Statistics
 
 
 class ExchangeableStudentT(ExchangeableGaussian):
@@ -98,6 +98,11 @@ class ExchangeableStudentT(ExchangeableGaussian):
         return mean + ((self.noise_var + theta_var) / precision).sqrt() * th.randn_like(
             mean.expand(n_samples, *mean.shape)
         )
+
+    def distance(self, statistics: Statistics) -> Distance:
+        """beta_n of each scale, with what it should be distributed as."""
+        beta = self._sum(self.squared_mahalanobis(statistics))
+        return Distance(beta, self._dims_per_scale * statistics.n, self.df)
 
     def log_evidence(self, statistics: Statistics) -> Tensor:
         """log p(z_1..z_n), jointly over the set and all dimensions: one t of n D dimensions per scale. Shape (...)."""

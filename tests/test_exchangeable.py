@@ -117,6 +117,9 @@ def test_squared_mahalanobis_is_the_dense_one_and_chi_squared_under_the_model(va
     beta = process.squared_mahalanobis(process.statistics(z.unsqueeze(-1)))[:, 0].detach().numpy()
     np.testing.assert_allclose(beta, np.einsum("bi,ij,bj->b", z, np.linalg.inv(dense), z), rtol=1e-6)
     assert kstest(beta, chi2(10).cdf).pvalue > 1e-4
+    distance = process.distance(process.statistics(z.unsqueeze(-1)))
+    np.testing.assert_array_equal(distance.beta[:, 0].detach(), beta)
+    assert (distance.n_values == 10).all() and distance.df.tolist() == [math.inf]
 
 
 def test_a_latent_of_weight_zero_is_as_if_it_were_not_there():

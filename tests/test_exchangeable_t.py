@@ -159,15 +159,21 @@ def test_samples_have_the_predictives_density(shared_scale):
     assert (together > 0.02) == shared_scale
 
 
-def test_squared_mahalanobis_follows_the_f_distribution_under_the_model():
-    """(beta_n / n) nu / (nu - 2) ~ F(n, nu)."""
-    nu, n, rng = 6.0, 10, np.random.default_rng(6)
-    process = process_of(1.0, 0.3, nu, False, 1)
-    scale = invgamma(nu / 2, scale=(nu - 2) / 2).rvs(2_000, random_state=rng)
-    theta = np.sqrt(0.3 * scale) * rng.normal(size=2_000)
-    z = theta[:, None] + np.sqrt(0.7 * scale)[:, None] * rng.normal(size=(2_000, n))
-    beta = process.squared_mahalanobis(process.statistics(th.as_tensor(z)[..., None]))[:, 0].detach().numpy()
-    assert kstest(beta / n * nu / (nu - 2), f(n, nu).cdf).pvalue > 1e-3
+@pytest.mark.parametrize("shared_scale", [False, True])
+def test_distance_follows_the_f_distribution_under_the_model(shared_scale):
+    """(beta / k) nu / (nu - 2) ~ F(k, nu), k = n or, with a scale for all dimensions, n D."""
+    df, n, rng = 6.0, 10, np.random.default_rng(6)
+    process = process_of(1.0, 0.3, df, shared_scale, DIM)
+    scale = invgamma(df / 2, scale=(df - 2) / 2).rvs((2_000, 1 if shared_scale else DIM), random_state=rng)
+    theta = np.sqrt(0.3 * scale) * rng.normal(size=(2_000, DIM))
+    z = theta[:, None] + np.sqrt(0.7 * scale)[:, None] * rng.normal(size=(2_000, n, DIM))
+    distance = process.distance(process.statistics(th.as_tensor(z)))
+    beta, k, nu = (one.detach().numpy() for one in distance)
+    assert beta.shape[-1] == nu.size == (1 if shared_scale else DIM)
+    np.testing.assert_array_equal(k, n * DIM if shared_scale else n)
+    np.testing.assert_allclose(nu, df)
+    for column in beta.T:
+        assert kstest(column / k[0] * df / (df - 2), f(k[0, 0], df).cdf).pvalue > 1e-3
 
 
 def test_gradients_reach_the_degrees_of_freedom():

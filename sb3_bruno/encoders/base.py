@@ -109,6 +109,13 @@ class TaskEncoder(nn.Module, ABC):
         """
 
     @abstractmethod
+    def one_step_bounds(self, transitions: Transitions) -> Tensor:
+        """A lower bound on log p(what is modelled | the rest, the transitions before) at every step, in nats.
+
+        Of sequences that each come from one task: (..., time, dim) -> (..., time)
+        """
+
+    @abstractmethod
     def outcomes(
         self,
         statistics: Statistics,

@@ -20,7 +20,7 @@ from torch.distributions import Distribution
 from zuko.lazy import Flow
 
 from sb3_bruno.encoders.base import Outcomes, Statistics, TaskEncoder, Transitions
-from sb3_bruno.exchangeable import ExchangeableGaussian
+from sb3_bruno.exchangeable import Distance, ExchangeableGaussian
 from sb3_bruno.exchangeable import Statistics as LatentStatistics
 from sb3_bruno.exchangeable_t import ExchangeableStudentT
 from sb3_bruno.flow import ConditionalFlow, Latents
@@ -194,10 +194,14 @@ class BrunoEncoder(TaskEncoder):
         return (log_z + log_det[..., first_scored:]).mean() + self.noise_dim * NOISE_ENTROPY
 
     def one_step_bounds(self, transitions: Transitions) -> Tensor:
-        """A lower bound on log p(y_t | x_t, those before it) at every step, in nats: (..., time, dim) -> (..., time)"""
         z, log_det = self.latents_and_log_det(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
         before = LatentStatistics(*(one[..., :-1, :] for one in self.process.prefixes(z)))
         return self.process.log_predictive(before, z) + log_det + self.noise_dim * NOISE_ENTROPY
+
+    def distance(self, transitions: Transitions) -> Distance:
+        """How far a set of transitions (..., time, dim) lies from what the process expects, with noise drawn."""
+        noise = self.draw_noise(transitions.rewards.shape[:-1])
+        return self.process.distance(self.process.statistics(self.latents(transitions, noise)))
 
     def outcomes(
         self,
