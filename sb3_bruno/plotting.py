@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.floating[Any]]
 
 _MAX_PANELS = 4  # tasks that get a panel each; more are pooled in one
-_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito: for all eyes
-_INK = "#404040"
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito: for all eyes
+INK = "#404040"
 
 
 class Band(NamedTuple):
@@ -55,7 +55,7 @@ def plot_adaptation(results: Mapping[str, AdaptationResult], path: str | Path) -
     shared = all(np.array_equal(result.tasks, tasks) for result in results.values())
     pooled = not shared or len(tasks) > _MAX_PANELS
     panels: dict[str, dict[str, Band]] = {}
-    for number, title in enumerate([_pooled_title(tasks)] if pooled else map(_task_title, tasks)):
+    for number, title in enumerate([_pooled_title(tasks)] if pooled else map(task_title, tasks)):
         rows = slice(None) if pooled else slice(number, number + 1)
         for name, result in results.items():
             legend = f"{name}, return {result.mean_return()[rows].mean():.1f}"
@@ -93,7 +93,7 @@ def plot_learning_curves(
     panels: dict[str, dict[str, Band]] = {}
     levels: dict[str, float] = {}
     for task in [None] if pooled else tasks:
-        title = _pooled_title(tasks) if task is None else _task_title(task)
+        title = _pooled_title(tasks) if task is None else task_title(task)
         panels[title] = {name: learning_band(name, runs, task, over_runs=several) for name, runs in methods.items()}
         if oracle is not None:
             levels[title] = _oracle_return(oracle, task)
@@ -121,10 +121,10 @@ def plot_bands(
     """
     figure, axes = _panels(list(panels))
     for (title, bands), panel in zip(panels.items(), axes, strict=True):
-        for (name, band), color in zip(bands.items(), cycle(_COLORS), strict=False):
+        for (name, band), color in zip(bands.items(), cycle(COLORS), strict=False):
             _draw(panel, band, name, color)
         if levels:
-            panel.axhline(levels[title], color=_INK, linestyle=(0, (5, 3)), label="oracle")
+            panel.axhline(levels[title], color=INK, linestyle=(0, (5, 3)), label="oracle")
     _label(figure, axes, x, y, note)
     figure.savefig(path, dpi=150)
 
@@ -182,7 +182,7 @@ def _oracle_return(oracle: float | Mapping[str, float], task: Floats | None) -> 
     return oracle[task_label(task)]
 
 
-def _task_title(task: Floats) -> str:
+def task_title(task: Floats) -> str:
     """``task 0.5``, or ``task (1, 0)``."""
     values = task_label(task).replace("_", ", ")
     return f"task {values}" if len(task) == 1 else f"task ({values})"
@@ -199,13 +199,18 @@ def _panels(titles: Sequence[str]) -> tuple[Figure, list[Axes]]:
     figure = Figure(figsize=(1.6 + 4.4 * len(titles), 4.2), layout="constrained")
     panels: list[Axes] = list(figure.subplots(1, len(titles), sharey=True, squeeze=False)[0])
     for panel, title in zip(panels, titles, strict=True):
-        panel.set_title(title, loc="left", fontsize=12, color=_INK)
-        panel.spines[["top", "right"]].set_visible(False)
-        panel.spines[["left", "bottom"]].set_color(_INK)
-        panel.tick_params(labelsize=11, colors=_INK)
-        panel.grid(color="#E6E6E6", linewidth=0.8)
-        panel.set_axisbelow(True)
+        style_panel(panel, title)
     return figure, panels
+
+
+def style_panel(panel: Axes, title: str) -> None:
+    """Give a panel its title and the look of all figures here."""
+    panel.set_title(title, loc="left", fontsize=12, color=INK)
+    panel.spines[["top", "right"]].set_visible(False)
+    panel.spines[["left", "bottom"]].set_color(INK)
+    panel.tick_params(labelsize=11, colors=INK)
+    panel.grid(color="#E6E6E6", linewidth=0.8)
+    panel.set_axisbelow(True)
 
 
 def _draw(panel: Axes, band: Band, name: str, color: str) -> None:
@@ -219,9 +224,9 @@ def _label(figure: Figure, panels: Sequence[Axes], x: str, y: str, note: str) ->
     from matplotlib.ticker import EngFormatter
 
     for panel in panels:
-        panel.set_xlabel(x, fontsize=12, color=_INK)
+        panel.set_xlabel(x, fontsize=12, color=INK)
         panel.xaxis.set_major_formatter(EngFormatter(sep=""))  # 200k, 1.5M
         panel.margins(x=0.01)
-        panel.legend(fontsize=11, frameon=False, labelcolor=_INK)
-    panels[0].set_ylabel(y, fontsize=12, color=_INK)
+        panel.legend(fontsize=11, frameon=False, labelcolor=INK)
+    panels[0].set_ylabel(y, fontsize=12, color=INK)
     figure.supxlabel(note, fontsize=9.5, color="#7A7A7A")
