@@ -20,8 +20,11 @@ FLOORS = [
     {"task_inference"},
     {"bruno_sac", "bruno_tqc", "bruno_crossq", "bruno_td3", "resume"},
     {""},  # the package's face
-    {"eval_callback", "evaluation", "video"},
+    {"diagnostics_result", "episodes"},
+    {"diagnostics", "eval_callback", "evaluation", "video"},
     {"plotting"},
+    {"plotting_diagnostics"},
+    {"diagnostics_callback"},
     {"quickstart", "record"},
     {"zoo.mistake", "zoo.parser", "zoo.registry"},
     {"zoo.evaluate", "zoo.report", "zoo.experiment", "zoo.sampler"},
