@@ -17,7 +17,17 @@ from optuna.trial import TrialState
 from sb3_bruno.zoo.cli import main
 from sb3_bruno.zoo.registry import config_file, register
 from sb3_bruno.zoo.sampler import convert_bruno, register_samplers, sample_bruno
-from sb3_bruno.zoo.sweep import OWNER, SweepExperiment, is_gone, load_study, open_storage, this_process
+from sb3_bruno.zoo.sweep import (
+    GIVEN_BACK,
+    OWNER,
+    SurplusTrial,
+    SweepExperiment,
+    give_back_surplus,
+    is_gone,
+    load_study,
+    open_storage,
+    this_process,
+)
 
 TINY = ["n_envs:2", "learning_starts:60", "encoder_learning_starts:30", "buffer_size:2000"]
 RUN = "import sys; from sb3_bruno.zoo.cli import main; main(['sweep', 'run', *sys.argv[1:]])"
@@ -110,6 +120,50 @@ def wait_for_a_trial_of(pid, study):
                 return trial.number
         time.sleep(0.1)
     raise AssertionError("the worker never began")
+
+
+def test_of_two_workers_that_race_for_the_last_trial_one_gives_its_own_back(storage, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    name = f"race-{os.getpid()}"
+    init(storage, name)
+    race = (  # both have counted the trials before either asks for one
+        "import optuna, os, pathlib, time; ask = optuna.Study.ask\n"
+        "def wait(self, *a, **k):\n"
+        "    pathlib.Path(f'asks-{os.getpid()}').touch()\n"
+        "    while len(list(pathlib.Path().glob('asks-*'))) < 2: time.sleep(0.01)\n"
+        "    return ask(self, *a, **k)\n"
+        "optuna.Study.ask = wait\n"
+    )
+    workers = [worker(storage, name, 1, race) for _ in range(2)]
+    assert [one.wait(timeout=200) for one in workers] == [0, 0]
+    first, second = optuna.load_study(study_name=name, storage=open_storage(storage)).trials
+    assert first.state == TrialState.COMPLETE and GIVEN_BACK not in first.user_attrs
+    assert second.state == TrialState.FAIL and GIVEN_BACK in second.user_attrs and second.params == {}
+    main(["sweep", "status", "--storage", storage, "--study-name", name])
+    assert "2 trials 1 complete, 1 given back" in capsys.readouterr().out
+
+
+def test_a_trial_that_was_queued_again_keeps_its_place(storage, tmp_path):
+    study = optuna.create_study(study_name=f"place-{tmp_path}", storage=open_storage(storage))
+    first, lost, third = (study.ask() for _ in range(3))
+    for trial in (first, lost, third):
+        give_back_surplus(trial, 3)
+    study.tell(lost, state=TrialState.FAIL)
+    made_in_the_gap = study.ask()  # by a worker that looked before the lost trial was queued again
+    study.enqueue_trial({})
+    give_back_surplus(made_in_the_gap, 3)
+    queued = study.ask()
+    with pytest.raises(SurplusTrial, match="4 is one more than 3"):
+        give_back_surplus(queued, 3)
+    study.tell(queued, state=TrialState.FAIL)
+    study.tell(third, state=TrialState.FAIL)  # an error: its place is free
+    study.enqueue_trial({})
+    study.add_trial(optuna.create_trial(state=TrialState.RUNNING))  # by a worker that looked before that
+    late = optuna.Trial(study, study.trials[-1]._trial_id)
+    with pytest.raises(SurplusTrial, match="6 is one more than 3"):
+        give_back_surplus(late, 3)  # the waiting trial comes first, though it does not run yet
+    study.tell(late, state=TrialState.FAIL)
+    give_back_surplus(study.ask(), 3)
 
 
 def test_a_worker_stops_after_its_own_number_of_trials(tmp_path, monkeypatch):

@@ -34,6 +34,8 @@ from sb3_bruno.zoo.sampler import merged
 
 OWNER = "worker"  # user attribute of a trial: {"host": ..., "pid": ..., "started": seconds since the epoch}
 SETTINGS = "settings"  # user attribute of a study: what every trial is made of
+GIVEN_BACK = "given_back"  # user attribute of a trial that was one too many
+COUNTED = (TrialState.COMPLETE, TrialState.PRUNED, TrialState.RUNNING)
 RETRIES = 3
 FRESH = 10_000  # added to the seed of the environments that a trial is judged on
 
@@ -74,6 +76,27 @@ def load_study(storage: str, name: str) -> optuna.Study:
         n_startup_trials=settings["n_startup_trials"], n_warmup_steps=settings["n_evaluations"] // 3
     )
     return study
+
+
+class SurplusTrial(Exception):
+    """A trial beyond the number asked for: its worker had counted before another one's trial began."""
+
+
+def give_back_surplus(trial: optuna.Trial, max_total: int) -> None:
+    """Refuse a trial that ``max_total`` others come before, by number: so workers that race never make too many.
+
+    A storage numbers trials one by one, so a worker that has its number sees every smaller one. Waiting trials count
+    too, for they will run: whichever worker takes one has the smaller number.
+
+    Example: of 3, trials 0 and 2 run and 1 was lost and waits as 3. Of two workers that come now one takes 3, which
+    two come before, and one makes 4, which three come before, and gives it back.
+
+    :raises SurplusTrial: which fails the trial, so that it counts no more
+    """
+    alive = trial.study.get_trials(deepcopy=False, states=(*COUNTED, TrialState.WAITING))
+    if sum(one.number < trial.number for one in alive) >= max_total:
+        trial.set_user_attr(GIVEN_BACK, True)
+        raise SurplusTrial(f"trial {trial.number} is one more than {max_total}, so it is given back")
 
 
 class SweepExperiment(TaskExperiment):
@@ -192,11 +215,13 @@ def has_not_begun(trial: optuna.trial.FrozenTrial, patience: float = 60.0) -> bo
 
 
 def requeue_lost_trials(study: optuna.Study) -> list[int]:
-    """Fail the trials of a journal whose worker is gone, and queue them again. A database's heartbeat does so itself.
+    """Fail the trials whose worker is gone, and queue them again: those of a database by their heartbeat.
 
-    :return: the numbers of the trials that this call failed
+    :return: the numbers of the trials of a journal that this call failed; a database does not tell
     """
     if not isinstance(study._storage, JournalStorage):
+        with warnings.catch_warnings(category=ExperimentalWarning, action="ignore"):
+            optuna.storages.fail_stale_trials(study)
         return []
     lost = []
     for trial in study.get_trials(states=[TrialState.RUNNING]):

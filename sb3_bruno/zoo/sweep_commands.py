@@ -19,9 +19,17 @@ from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.parser import command_parser
 from sb3_bruno.zoo.registry import config_file
 from sb3_bruno.zoo.sampler import merged, register_samplers
-from sb3_bruno.zoo.sweep import OWNER, SETTINGS, SweepExperiment, load_study, open_storage, requeue_lost_trials
-
-COUNTED = (TrialState.COMPLETE, TrialState.PRUNED, TrialState.RUNNING)
+from sb3_bruno.zoo.sweep import (
+    COUNTED,
+    GIVEN_BACK,
+    OWNER,
+    SETTINGS,
+    SweepExperiment,
+    give_back_surplus,
+    load_study,
+    open_storage,
+    requeue_lost_trials,
+)
 
 
 def sweep(arguments: list[str]) -> None:
@@ -81,6 +89,11 @@ def run(options: argparse.Namespace) -> None:
     study = load_study(options.storage, options.study_name)
     experiment = SweepExperiment(study.user_attrs[SETTINGS])
 
+    def objective(trial: optuna.Trial) -> float:
+        if options.max_total_trials:
+            give_back_surplus(trial, options.max_total_trials)
+        return experiment.objective(trial)
+
     def is_done() -> bool:
         tell_of_lost_trials(study)
         return len(study.get_trials(deepcopy=False, states=COUNTED)) >= (options.max_total_trials or float("inf"))
@@ -91,7 +104,7 @@ def run(options: argparse.Namespace) -> None:
 
     if not is_done():
         study.optimize(
-            experiment.objective,
+            objective,
             n_trials=options.n_trials,
             callbacks=[stop_when_done],
             catch=(Exception,),  # an error fails its trial, traceback and all, and the next one starts
@@ -105,7 +118,7 @@ def status(options: argparse.Namespace) -> None:
     study = load_study(options.storage, options.study_name)
     tell_of_lost_trials(study)
     trials = study.get_trials(deepcopy=False)
-    counts = Counter(trial.state.name.lower() for trial in trials)
+    counts = Counter("given back" if GIVEN_BACK in one.user_attrs else one.state.name.lower() for one in trials)
     print(f"{options.study_name}: {len(trials)} trials " + ", ".join(f"{n} {name}" for name, n in counts.items()))
     for trial in trials:
         if trial.state == TrialState.RUNNING:
