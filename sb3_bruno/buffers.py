@@ -16,23 +16,15 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecNormalize
 
-from sb3_bruno.encoded_sequences import EncodedSequences, Slots
+from sb3_bruno.encoded_sequences import EncodedSequences
 from sb3_bruno.encoders import TaskEncoder, Transitions
+from sb3_bruno.episode_index import EpisodeIndex, Slots
 from sb3_bruno.extended_obs import ExtendedObs
 from sb3_bruno.task_index import SlotQueue, TaskIndex
 from sb3_bruno.transfer import to_device
 
 Context = Literal["iid", "recent", "episode"]
-_RING = (
-    "observations",
-    "next_observations",
-    "actions",
-    "rewards",
-    "dones",
-    "timeouts",
-    "episode_steps",
-    "inner_ends",
-)
+_RING = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts", "inner_ends")
 
 
 class TaskReplayBuffer(ReplayBuffer):
@@ -108,9 +100,8 @@ class TaskReplayBuffer(ReplayBuffer):
         self.n_recent = n_recent
         self.rng = np.random.default_rng(np.random.randint(2**31))  # noqa: NPY002  # which SB3 seeds
         self.tasks = TaskIndex(self.buffer_size * n_envs)
-        self.episode_steps = np.zeros((self.buffer_size, n_envs), dtype=np.int32)
+        self.episodes = EpisodeIndex(self.buffer_size, n_envs)
         self.inner_ends = np.zeros((self.buffer_size, n_envs), dtype=bool)
-        self._running_lengths = np.zeros(n_envs, dtype=np.int64)
         self._encoder: TaskEncoder | None = None
         self._encoded: EncodedSequences | None = None
 
@@ -137,7 +128,7 @@ class TaskReplayBuffer(ReplayBuffer):
     def reset(self) -> None:
         super().reset()
         self.tasks = TaskIndex(self.buffer_size * self.n_envs)
-        self._running_lengths[:] = 0
+        self.episodes = EpisodeIndex(self.buffer_size, self.n_envs)
         self.forget_beliefs()
 
     # -- storing ---------------------------------------------------------------------------------------------
@@ -164,8 +155,7 @@ class TaskReplayBuffer(ReplayBuffer):
         for i, info in enumerate(infos):
             # + 0.0 makes -0.0 and 0.0 the same task
             self.tasks.put(first_slot + i, np.asarray(info["task"], dtype=np.float32).ravel() + np.float32(0.0))
-        self.episode_steps[self.pos] = self._running_lengths
-        self._running_lengths = np.where(done, 0, self._running_lengths + 1)
+        self.episodes.put(done)
         self.inner_ends[self.pos] = ["final_observation" in info for info in infos]
         arrivals = np.array(next_obs["observation"])
         # Not done, even where the inner episode terminated: the trial goes on, and unless values flow through its inner
@@ -174,10 +164,6 @@ class TaskReplayBuffer(ReplayBuffer):
             if "final_observation" in info:
                 arrival[...] = info["final_observation"]
         super().add(obs["observation"], arrivals, action, reward, done, infos)
-
-    def cut_episodes(self) -> None:
-        """The envs were reset from outside: what comes next begins new episodes."""
-        self._running_lengths[:] = 0
 
     # -- sampling --------------------------------------------------------------------------------------------
 
@@ -232,14 +218,6 @@ class TaskReplayBuffer(ReplayBuffer):
         slots, _ = self.exchangeable_slots(n_sequences)
         return self.transitions(slots, env)
 
-    def running_episodes(self) -> tuple[Slots, Slots]:
-        """The episodes that still run, from their first transition that is left.
-
-        :return: slots (n_envs, longest), rows padded with their last slot, and the lengths (n_envs,)
-        """
-        last_rows = np.full(self.n_envs, (self.pos - 1) % self.buffer_size)
-        return self._episode_slots(last_rows, np.arange(self.n_envs), self._running_lengths)
-
     def transitions(self, slots: Slots, env: VecNormalize | None = None) -> Transitions:
         """The transitions in ``slots`` as the agent observed them: normalised if ``env`` normalises them.
 
@@ -279,10 +257,7 @@ class TaskReplayBuffer(ReplayBuffer):
             return slots, np.full(n_sequences, slots.shape[1]), tasks
         queues = self._draw_tasks(n_sequences)
         drawn = np.array([queue.slots[self.rng.integers(len(queue))] for queue in queues], dtype=np.int64)
-        rows, envs = drawn // self.n_envs, drawn % self.n_envs
-        last_rows = self._last_row_of_episode(rows, envs)
-        lengths = self.episode_steps[last_rows, envs].astype(np.int64) + 1
-        slots, lengths = self._episode_slots(last_rows, envs, lengths)
+        slots, lengths = self.episodes.holding(drawn)
         return slots, lengths, np.stack([queue.task for queue in queues])
 
     def exchangeable_slots(self, n_sequences: int) -> tuple[Slots, NDArray[np.float32]]:
@@ -299,29 +274,3 @@ class TaskReplayBuffer(ReplayBuffer):
         if len(self.tasks) == 0:
             raise RuntimeError("The replay buffer is empty: collect transitions before sampling.")
         return self.tasks.draw(n_sequences, self.rng)
-
-    def _last_row_of_episode(self, rows: Slots, envs: Slots) -> Slots:
-        """The last row, so far, of the episodes that hold given transitions. All shapes (n,).
-
-        Within an episode the step counts up with the row, so row + k belongs to it while its step is step + k.
-        Example: steps [3 4 5 0 1], row 1: k = 1 holds (5 = 4 + 1), k = 2 does not (0), so the last row is 2. Once
-        it fails it fails for good, so k is found by bisection.
-        """
-        steps = self.episode_steps[rows, envs]
-        low, high = np.zeros_like(rows), (self.pos - 1 - rows) % self.buffer_size
-        while (low < high).any():
-            middle = (low + high + 1) // 2
-            same = self.episode_steps[(rows + middle) % self.buffer_size, envs] == steps + middle
-            low, high = np.where(same, middle, low), np.where(same, high, middle - 1)
-        return (rows + low) % self.buffer_size
-
-    def _episode_slots(self, last_rows: Slots, envs: Slots, lengths: Slots) -> tuple[Slots, Slots]:
-        """The slots of ``lengths`` rows up to ``last_rows``, as far as they are left, padded with the last.
-
-        :return: slots (n, longest), lengths that are left (n,)
-        """
-        oldest = self.pos if self.full else 0
-        lengths = np.minimum(lengths, (last_rows - oldest) % self.buffer_size + 1)
-        steps = np.minimum(np.arange(max(lengths.max(), 1)), np.maximum(lengths - 1, 0)[:, None])
-        rows = (last_rows - np.maximum(lengths - 1, 0))[:, None] + steps
-        return rows % self.buffer_size * self.n_envs + envs[:, None], lengths

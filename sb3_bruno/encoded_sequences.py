@@ -7,9 +7,6 @@ import torch as th
 from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
-Slots = NDArray[np.int64]
-"""Places in a replay buffer, or indices into such; any shape."""
-
 
 class EncodedSequences:
     """Samples in sequences of one task each, read in a random order without repetition.
@@ -19,7 +16,7 @@ class EncodedSequences:
     :param rng: shuffles the steps of each row
     """
 
-    def __init__(self, samples: ReplayBufferSamples, lengths: Slots, rng: np.random.Generator) -> None:
+    def __init__(self, samples: ReplayBufferSamples, lengths: NDArray[np.int64], rng: np.random.Generator) -> None:
         self._samples = samples
         self._lengths = lengths
         shape = tuple(samples.rewards.shape[:2])

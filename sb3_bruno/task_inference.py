@@ -130,7 +130,7 @@ class TaskInference(OffPolicyAlgorithm):
         result = super()._setup_learn(total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar)
         if starts_anew:
             self._belief_state = None
-            self.replay_buffer.cut_episodes()
+            self.replay_buffer.episodes.cut()
             assert self.env is not None  # for mypy
             check_task_infos(self.env)
         return result
@@ -223,7 +223,7 @@ class TaskInference(OffPolicyAlgorithm):
         """
         if self._belief_state is None:
             return
-        slots, lengths = self.replay_buffer.running_episodes()
+        slots, lengths = self.replay_buffer.episodes.running()
         transitions = self.replay_buffer.transitions(slots, self._vec_normalize_env)
         with th.no_grad():
             prefixes = self.encoder.prefixes(transitions, weights=self.replay_buffer.absorbed(slots))

@@ -9,7 +9,16 @@ import yaml
 
 ROOT = Path(__file__).parents[1]
 FLOORS = [
-    {"autoregression", "exchangeable", "reflection", "standardize", "env_state", "interquartile", "task_index"},
+    {
+        "autoregression",
+        "exchangeable",
+        "reflection",
+        "standardize",
+        "env_state",
+        "episode_index",
+        "interquartile",
+        "task_index",
+    },
     {"exchangeable_t", "flow", "adaptation_result", "late_log", "transfer"},
     {"encoders.base"},
     {"encoders.bruno"},
@@ -42,6 +51,7 @@ KNOWS = {  # beyond the standard library, numpy and each other
     "flow": {"torch", "zuko"},
     "standardize": {"torch"},
     "task_index": set(),
+    "episode_index": set(),
     "transfer": {"torch"},
     "encoders.base": {"torch"},
     "encoders.bruno": {"torch", "zuko"},

@@ -183,16 +183,16 @@ def test_running_episodes_are_those_since_the_last_reset():
     stream = Stream(2)
     for step in range(7):
         stream.add([0, 1], dones=[step == 3, False])
-    slots, lengths = stream.buffer.running_episodes()
+    slots, lengths = stream.buffer.episodes.running()
     assert lengths.tolist() == [3, 7]
     observed = stream.buffer.transitions(slots).observations[..., 0].numpy()
     assert observed[0, :3].tolist() == [8, 10, 12]
     assert observed[1].tolist() == [1, 3, 5, 7, 9, 11, 13]
     stream.add([0, 1], dones=[True, True])
-    assert stream.buffer.running_episodes()[1].tolist() == [0, 0]
+    assert stream.buffer.episodes.running()[1].tolist() == [0, 0]
     stream.add([0, 1])
-    stream.buffer.cut_episodes()
-    assert stream.buffer.running_episodes()[1].tolist() == [0, 0]
+    stream.buffer.episodes.cut()
+    assert stream.buffer.episodes.running()[1].tolist() == [0, 0]
 
 
 @pytest.mark.parametrize("context", ["iid", "recent"])
@@ -238,7 +238,7 @@ def test_running_trials_go_on_over_inner_ends():
     stream = Stream(2)
     for step in range(7):
         stream.add([0, 1], inner_ends=[step == 3, step == 6])
-    slots, lengths = stream.buffer.running_episodes()
+    slots, lengths = stream.buffer.episodes.running()
     assert lengths.tolist() == [7, 7]
     assert stream.buffer.absorbed(slots).tolist() == [[1, 1, 1, 0, 1, 1, 1], [1, 1, 1, 1, 1, 1, 0]]
 
