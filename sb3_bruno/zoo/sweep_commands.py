@@ -1,4 +1,4 @@
-"""``sb3-bruno sweep init | run | status | best``."""
+"""``sb3-bruno sweep init | run | status | best | export``."""
 
 from __future__ import annotations
 
@@ -153,10 +153,17 @@ def best(options: argparse.Namespace) -> None:
     print(text + f"\nSaved {options.out}: sb3-bruno train --env {settings['env']} -conf {options.out}")
 
 
+def export(options: argparse.Namespace) -> None:
+    """Write every trial with its state, return, times and draws as CSV."""
+    study = load_study(options.storage, options.study_name)
+    study.trials_dataframe(multi_index=False).to_csv(options.out, index=False)
+    print(f"Saved {len(study.trials)} trials in {options.out}")
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser("sweep", sweep)
-    commands = parser.add_subparsers(required=True, metavar="init | run | status | best")
-    for command in (init, run, status, best):
+    commands = parser.add_subparsers(required=True, metavar="init | run | status | best | export")
+    for command in (init, run, status, best, export):
         one = commands.add_parser(command.__name__, help=command.__doc__, description=command.__doc__)
         one.set_defaults(command=command)
         one.add_argument("--storage", required=True, help="a journal file (sweep.log) or postgresql://...")
@@ -175,4 +182,6 @@ def _parser() -> argparse.ArgumentParser:
             one.add_argument("--max-total-trials", type=int, help="trials of all workers together")
         if command is best:
             one.add_argument("--out", type=Path, default=Path("best.yml"), help="(default: best.yml)")
+        if command is export:
+            one.add_argument("--out", type=Path, default=Path("trials.csv"), help="(default: trials.csv)")
     return parser
