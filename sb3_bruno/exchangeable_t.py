@@ -16,6 +16,18 @@ from torch.distributions import Distribution, Gamma, StudentT
 from sb3_bruno.exchangeable import Distance, ExchangeableGaussian, Statistics
 
 
+class StudentTWithVariance(StudentT):
+    """A Student-t of more than two degrees of freedom: torch looks for those of fewer, and a GPU waits meanwhile."""
+
+    @property
+    def mean(self) -> Tensor:
+        return self.loc
+
+    @property
+    def variance(self) -> Tensor:
+        return self.scale.pow(2) * self.df / (self.df - 2)
+
+
 class ExchangeableStudentT(ExchangeableGaussian):
     r"""Creates exchangeable Student-t processes with one scale per latent dimension, or one for all.
 
@@ -73,7 +85,7 @@ class ExchangeableStudentT(ExchangeableGaussian):
     def _marginal(self, statistics: Statistics, mean: Tensor, var: Tensor) -> Distribution:
         """Student-t with nu_n degrees of freedom and variance r_n var, r_n = E[s | z] = q_n / (nu_n - 2)."""
         df, q = self._posterior_scale(statistics)
-        return StudentT(df.expand_as(mean), mean, (q / df * var).sqrt(), validate_args=False)
+        return StudentTWithVariance(df.expand_as(mean), mean, (q / df * var).sqrt(), validate_args=False)
 
     def posterior(self, statistics: Statistics) -> Distribution:
         """p(theta | z_1..z_n) of each dimension: mean mu_n, variance r_n var_n. Batch (..., dim)."""

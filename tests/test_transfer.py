@@ -105,6 +105,17 @@ def test_training_waits_for_no_number_and_sends_little(ours, theirs):
         assert up <= up_plain + (3 if gradient_steps == 1 else 0)
 
 
+@pytest.mark.parametrize("process", ["student_t", "shared_student_t"])
+def test_a_student_t_belief_waits_for_no_number_either(process):
+    model, plain = make(BrunoSAC, encoder_kwargs={"process": process}), make(SAC)
+    for one in (model, plain):
+        one.train(3, 256)
+    counts = [crossings(lambda one=one: one.train(8, 256)) for one in (model, plain)]
+    assert counts[0][1] == counts[1][1] and counts[0][0] <= counts[1][0]
+    observation = model.get_env().reset()
+    assert crossings(lambda: model.predict(observation)) == (2, 2)  # torch sends a constant of its chi-squared too
+
+
 @pytest.mark.parametrize(("ours", "theirs"), PAIRS, ids=lambda one: one.__name__)
 def test_a_rollout_step_crosses_as_often_as_sb3s(ours, theirs):
     model, plain = make(ours, gradient_steps=0), make(theirs, gradient_steps=0)
