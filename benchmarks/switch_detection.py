@@ -35,11 +35,11 @@ class Switch(gym.Wrapper[Any, Any, Any, Any]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         options = dict(options or {})
-        self.then, self.steps = options.pop("then"), 0
+        self.then, self.steps = options.pop("then", None), 0  # an episode that begins by itself stays as it is
         return self.env.reset(seed=seed, options=options)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        if self.steps == self.at:
+        if self.steps == self.at and self.then is not None:
             self.env.unwrapped.set_task(self.then)  # type: ignore[attr-defined]  # as all of ours have
         self.steps += 1
         return self.env.step(action)
