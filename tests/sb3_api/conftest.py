@@ -1,0 +1,25 @@
+"""The algorithm at hand, and how to make a tiny model of it."""
+
+import pytest
+from tiny_models import ALGORITHMS, POINT, TINY, make_pendulum
+
+
+@pytest.fixture(scope="module", params=ALGORITHMS, ids=lambda one: one.__name__)
+def algorithm(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def make_model(algorithm):
+    def make(env=POINT, policy="MlpPolicy", **kwargs):
+        """A tiny model; dicts are merged into those of ``TINY``."""
+        merged = {key: {**TINY[key], **value} if isinstance(value, dict) else value for key, value in kwargs.items()}
+        return algorithm(policy, env, **{**TINY, **merged})
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def trained(make_model):
+    """A model after 60 steps of Pendulum, 20 of them with updates: not to be changed."""
+    return make_model(make_pendulum()).learn(60)

@@ -1,0 +1,141 @@
+"""Every option of SB3 and of ours runs, and what cannot work is refused by name."""
+
+from copy import deepcopy
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch as th
+from gymnasium import spaces
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
+from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.vec_env import SubprocVecEnv
+from tiny_models import POINT, assert_same, for_each_that_takes
+
+from sb3_bruno_envs import MetaTask, TransitionObservation
+
+NOISE = {"mean": np.zeros(2), "sigma": 0.1 * np.ones(2)}
+OPTIONS = [
+    {"ent_coef": "auto_0.1"},
+    {"ent_coef": 0.01},
+    {"train_freq": 4},
+    {"train_freq": (4, "step"), "gradient_steps": 2},
+    {"train_freq": (1, "episode"), "gradient_steps": -1},
+    {"action_noise": NormalActionNoise(**NOISE)},
+    {"action_noise": OrnsteinUhlenbeckActionNoise(**NOISE)},
+    {"use_sde": True, "sde_sample_freq": 4},
+    {"use_sde": True, "use_sde_at_warmup": True, "policy_kwargs": {"use_expln": True}},
+    {"tau": 1.0, "target_update_interval": 4},
+    {"learning_rate": LinearSchedule(1e-3, 1e-4, 0.5), "encoder_learning_rate": LinearSchedule(1e-3, 1e-4, 0.5)},
+    {"learning_rate": lambda left: left * 1e-3, "encoder_learning_rate": lambda left: left * 1e-3},
+    {"learning_starts": 0, "encoder_learning_starts": 0},
+    {"encoder_learning_starts": 10},
+    {"encoder_learning_starts": 60},
+    {"encoder_update_ratio": 0.25},
+    {"encoder_update_ratio": 2},
+    {"buffer_size": 20},  # shorter than an episode
+    {"buffer_size": 1, "batch_size": 2},
+    {"batch_size": 3},  # fewer than sequences
+    {"policy_kwargs": {"n_critics": 1}},
+    {"policy_kwargs": {"n_critics": 3, "net_arch": {"pi": [8], "qf": [8, 8]}}},
+    {"policy_kwargs": {"optimizer_class": th.optim.AdamW, "optimizer_kwargs": {"weight_decay": 0.1}}},
+    {"policy_kwargs": {"net_arch": []}},
+    {"replay_buffer_kwargs": {"context": "recent", "n_recent": 10}},
+    {"replay_buffer_kwargs": {"context": "episode"}},
+    {"replay_buffer_kwargs": {"handle_timeout_termination": False}},
+    {"critic_input": "belief"},
+    {"critic_input": "both"},
+    {"encoder_kwargs": {"modelled": "next_observations"}},
+    {"encoder_kwargs": {"modelled": "both", "extra_dims": 1}},
+    {"encoder_kwargs": {"belief": "mean"}},
+]
+
+
+@for_each_that_takes(*OPTIONS)
+def test_every_option_learns(make_model, options):
+    model = make_model(**options)
+    before = deepcopy(model.get_parameters()["policy"])
+    model.learn(70)
+    after = model.get_parameters()["policy"]
+    assert model.num_timesteps >= 70
+    assert all(value.isfinite().all() for value in after.values())
+    for part in ("actor.", "critic.", "critic_target.", "encoder."):
+        of_it = [name for name in before if name.startswith(part)]  # CrossQ has no targets
+        assert not of_it or any(not th.equal(before[name], after[name]) for name in of_it)
+
+
+@pytest.mark.parametrize("train_freq", ["4", ("1", "episode"), (1, "close")])
+def test_a_train_freq_that_sb3_refuses_is_refused(make_model, train_freq):
+    with pytest.raises(ValueError, match=r"train_freq|train frequency|invalid literal|integer"):
+        make_model(train_freq=train_freq).learn(1)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"policy": "CnnPolicy"}, "CnnPolicy"),
+        ({"n_steps": 3}, "n_steps=3"),
+        ({"optimize_memory_usage": True}, "optimize_memory_usage"),
+        ({"policy_kwargs": {"features_extractor_kwargs": {"features_dim": 3}}}, "features_extractor_kwargs"),
+        ({"replay_buffer_kwargs": {"context": "future"}}, "'future'"),
+        ({"encoder_batch_size": 0}, "encoder_batch_size"),
+        ({"encoder_update_ratio": -1.0}, "encoder_update_ratio"),
+        ({"critic_input": "reward"}, "critic_input"),
+        ({"policy_kwargs": {"critic_input": "both"}}, r"critic_input.*policy_kwargs"),
+        ({"env": "Pendulum-v1"}, "TransitionObservation"),
+    ],
+    ids=str,
+)
+def test_what_cannot_work_is_refused_by_name(make_model, options, message):
+    with pytest.raises(ValueError, match=message):
+        make_model(**options)
+
+
+def test_both_names_and_the_class_mean_the_same_policy(make_model):
+    model = make_model(policy="MlpPolicy")
+    for policy in ("MultiInputPolicy", type(model.policy)):
+        assert_same(model.get_parameters(), make_model(policy=policy).get_parameters())
+
+
+@pytest.mark.parametrize("n_envs", [1, 3])
+def test_gradient_steps_count_the_transitions_of_all_envs(make_model, n_envs):
+    env = make_vec_env(POINT, n_envs, seed=0)
+    noise = NormalActionNoise(**NOISE)  # SB3 makes it one noise per env
+    model = make_model(env, learning_starts=0, train_freq=5, gradient_steps=-1, action_noise=noise)
+    model.learn(15 * n_envs)
+    assert model._n_updates == 15 * n_envs
+    assert model.replay_buffer.size() == 15
+
+
+def test_envs_in_subprocesses(make_model):
+    env = make_vec_env(POINT, 2, seed=0, vec_env_cls=SubprocVecEnv, vec_env_kwargs={"start_method": "fork"})
+    try:
+        model = make_model(env).learn(80)
+        evaluate_policy(model, env, n_eval_episodes=2)
+    finally:
+        env.close()
+
+
+class MatrixEnv(gym.Env):
+    """Observations (2, 3) and actions (2, 2), both float64; the actions' bounds are lopsided."""
+
+    observation_space = spaces.Box(-1.0, 1.0, (2, 3), np.float64)
+    action_space = spaces.Box(-1.0, 3.0, (2, 2), np.float64)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return self.np_random.uniform(-1.0, 1.0, (2, 3)), {}
+
+    def step(self, action):
+        assert self.action_space.contains(action)
+        return self.np_random.uniform(-1.0, 1.0, (2, 3)), float(action.sum()), False, False, {}
+
+
+@for_each_that_takes({}, {"use_sde": True})
+def test_matrices_of_float64(make_model, options):
+    env = TransitionObservation(MetaTask(gym.wrappers.TimeLimit(MatrixEnv(), 20)))
+    model = make_model(env, **options).learn(60)
+    action, _ = model.predict(env.reset(seed=0)[0])
+    assert env.action_space.contains(action)

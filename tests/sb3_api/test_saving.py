@@ -1,0 +1,101 @@
+"""What is saved comes back: parameters, options, replay buffers, and nothing that was excluded."""
+
+from copy import deepcopy
+
+import pytest
+from stable_baselines3 import SAC
+from stable_baselines3.common.env_util import make_vec_env
+from tiny_models import POINT, assert_same, for_each_that_takes, make_pendulum, rollout
+
+from sb3_bruno.buffers import _RING as RING
+
+
+@pytest.mark.parametrize("with_env", [True, False])
+@for_each_that_takes({}, {"ent_coef": 0.01, "use_sde": True, "critic_input": "both"})
+def test_a_loaded_model_has_the_same_parameters_actions_and_beliefs(algorithm, make_model, tmp_path, options, with_env):
+    env = make_vec_env(make_pendulum, 2)
+    model = make_model(env, **options).learn(70)
+    model.save(tmp_path / "model")
+    loaded = algorithm.load(tmp_path / "model", env=env if with_env else None, device="cpu")
+    assert_same(model.get_parameters(), loaded.get_parameters())
+    for observation, state, action in rollout(model, env, 10):
+        assert_same(
+            loaded.predict(observation, state, deterministic=True),
+            model.predict(observation, state, deterministic=True),
+        )
+        assert_same(model.belief(state).mean, loaded.belief(state).mean)
+        assert env.action_space.contains(action[0])
+    if with_env:
+        loaded.learn(50, reset_num_timesteps=False)
+        assert loaded.num_timesteps == 120
+
+
+def test_a_model_keeps_its_encoder_options_when_loaded(algorithm, make_model, tmp_path):
+    options = {"encoder_learning_rate": 3e-4, "encoder_batch_size": 5, "encoder_update_ratio": 0.3}
+    make_model(critic_input="both", encoder_learning_starts=7, **options).save(tmp_path / "model")
+    loaded = algorithm.load(tmp_path / "model", encoder_batch_size=6, custom_objects={"encoder_update_ratio": 0.4})
+    assert (loaded.encoder_learning_rate, loaded.encoder_learning_starts) == (3e-4, 7)
+    assert (loaded.encoder_batch_size, loaded.encoder_update_ratio) == (6, 0.4)
+    assert loaded.policy.critic_input == "both"
+    assert loaded.encoder_optimizer.param_groups[0]["lr"] == 3e-4
+
+
+def test_attributes_are_excluded_and_included_by_name(algorithm, make_model, tmp_path):
+    make_model(verbose=2).save(tmp_path / "model", exclude=["verbose"])
+    assert algorithm.load(tmp_path / "model").verbose == 0
+    make_model(verbose=2).save(tmp_path / "model", exclude=["verbose"], include=["verbose"])
+    assert algorithm.load(tmp_path / "model").verbose == 2
+
+
+def test_policy_and_actor_are_saved_alone(tmp_path, trained):
+    observation = make_pendulum().reset(seed=1)[0]
+    extended, _ = trained.policy.extend(observation)
+    trained.policy.save(tmp_path / "policy")
+    trained.actor.save(tmp_path / "actor")
+    policy = type(trained.policy).load(tmp_path / "policy", device="cpu")
+    actor = type(trained.actor).load(tmp_path / "actor", device="cpu")
+    assert_same(policy.state_dict(), trained.policy.state_dict())
+    expected, state = trained.predict(observation, deterministic=True)
+    assert_same(policy.predict(observation, deterministic=True), (expected, state))
+    assert_same(actor.predict(extended.numpy(), deterministic=True)[0], expected)
+
+
+def test_parameters_move_from_model_to_model(make_model):
+    source, target = make_model(seed=1).learn(60), make_model(seed=2)
+    target.set_parameters(source.get_parameters())
+    assert_same(target.get_parameters(), source.get_parameters())
+
+    parameters = source.get_parameters()
+    assert {"policy", "encoder_optimizer", "actor.optimizer"} <= parameters.keys()
+    with pytest.raises(ValueError, match="unknown"):
+        target.set_parameters({**parameters, "unknown": {}}, exact_match=False)
+    del parameters["encoder_optimizer"]
+    with pytest.raises(ValueError, match="encoder_optimizer"):
+        target.set_parameters(parameters)
+    target.set_parameters(parameters, exact_match=False)
+
+
+def test_a_replay_buffer_comes_back_and_is_learned_from(make_model, tmp_path):
+    model = make_model().learn(50)
+    model.save_replay_buffer(tmp_path / "buffer")
+    other = make_model(seed=1, learning_starts=0)
+    other.load_replay_buffer(tmp_path / "buffer")
+    for name in RING:
+        assert_same(getattr(model.replay_buffer, name), getattr(other.replay_buffer, name))
+    assert len(model.replay_buffer.tasks) == len(other.replay_buffer.tasks)
+    other.learn(30)
+    assert (other.replay_buffer.size(), other._n_updates) == (80, 30)
+
+
+def test_a_copied_model_learns(make_model):
+    model = make_model().learn(50)
+    twin = deepcopy(model)
+    assert_same(twin.get_parameters(), model.get_parameters())
+    twin.learn(20, reset_num_timesteps=False)
+    assert (twin._n_updates, model._n_updates) == (30, 10)
+
+
+def test_a_buffer_of_another_algorithm_is_refused(make_model, tmp_path):
+    SAC("MultiInputPolicy", POINT, buffer_size=10).save_replay_buffer(tmp_path / "buffer")
+    with pytest.raises(ValueError, match="TaskReplayBuffer"):
+        make_model().load_replay_buffer(tmp_path / "buffer")

@@ -1,0 +1,96 @@
+"""The same seed gives the same run, in parts too; callbacks, stops and TensorBoard are SB3's."""
+
+import warnings
+
+import numpy as np
+import pytest
+from stable_baselines3.common.callbacks import (
+    CheckpointCallback,
+    EvalCallback,
+    StopTrainingOnMaxEpisodes,
+    StopTrainingOnNoModelImprovement,
+    StopTrainingOnRewardThreshold,
+)
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from tensorboard.backend.event_processing import event_accumulator
+from tiny_models import POINT, assert_same, for_each_that_takes, make_point, normalized, rollout
+
+
+@for_each_that_takes({}, {"train_freq": 3, "use_sde": True, "ent_coef": 0.1})
+def test_the_same_seed_gives_the_same_run(make_model, options):
+    def run(seed):
+        model = make_model(make_vec_env(POINT, 2), seed=seed, **options).learn(70)
+        return model.get_parameters()["policy"], rollout(model, model.get_env(), 20, deterministic=False)
+
+    first = run(seed=3)
+    assert_same(first, run(seed=3))
+    assert not np.array_equal(first[1][-1][2], run(seed=4)[1][-1][2])
+
+
+def test_learning_in_two_parts_equals_learning_at_once(make_model):
+    at_once = make_model().learn(100)
+    in_parts = make_model().learn(45).learn(55, reset_num_timesteps=False)  # the cut is inside an episode
+    assert in_parts.num_timesteps == 100
+    assert_same(at_once.get_parameters(), in_parts.get_parameters())
+
+
+def test_learning_warns_of_nothing(make_model):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model = make_model().learn(60)
+        evaluate_policy(model, model.get_env(), n_eval_episodes=2)
+
+
+@pytest.mark.filterwarnings("ignore:rich is experimental")  # of the progress bar
+def test_callbacks_evaluate_and_save(algorithm, make_model, tmp_path):
+    env, eval_env = normalized(make_point), normalized(make_point, training=False)
+    evaluate = EvalCallback(
+        eval_env,
+        callback_on_new_best=StopTrainingOnRewardThreshold(reward_threshold=1e6),
+        callback_after_eval=StopTrainingOnNoModelImprovement(max_no_improvement_evals=100),
+        best_model_save_path=str(tmp_path),
+        log_path=str(tmp_path),
+        eval_freq=30,
+        n_eval_episodes=2,
+        verbose=0,
+    )
+    keep = CheckpointCallback(50, str(tmp_path), save_replay_buffer=True, save_vecnormalize=True)
+    make_model(env).learn(60, [evaluate, keep], progress_bar=True)
+
+    assert evaluate.evaluations_timesteps == [30, 60]
+    assert np.shape(evaluate.evaluations_results) == (2, 2)
+    algorithm.load(tmp_path / "best_model").predict(eval_env.reset())
+    path = tmp_path / "rl_model_vecnormalize_50_steps.pkl"
+    renewed = VecNormalize.load(path, DummyVecEnv([make_point]))
+    model = algorithm.load(tmp_path / "rl_model_50_steps", env=renewed)
+    model.load_replay_buffer(tmp_path / "rl_model_replay_buffer_50_steps.pkl")
+    model.learn(20, reset_num_timesteps=False)
+    assert model.num_timesteps == 70
+
+
+@pytest.mark.parametrize("encoder_learning_starts", [None, 0])
+def test_a_callback_stops_at_the_first_step(make_model, encoder_learning_starts):
+    model = make_model(encoder_learning_starts=encoder_learning_starts, encoder_update_ratio=1)
+    model.learn(50, callback=lambda *_: False)
+    assert (model.num_timesteps, model.replay_buffer.size()) == (1, 0)
+    model.learn(50)
+    assert model.replay_buffer.size() == 50
+
+
+def test_a_callback_stops_after_two_episodes(make_model):
+    assert make_model().learn(1_000, StopTrainingOnMaxEpisodes(2)).num_timesteps == 60
+
+
+def test_tensorboard_shows_encoder_and_belief(algorithm, make_model, tmp_path):
+    model = make_model(tensorboard_log=str(tmp_path)).learn(70, log_interval=1)
+    model.learn(70, log_interval=1, reset_num_timesteps=False)
+    model.learn(40, tb_log_name="other")
+    assert {folder.name for folder in tmp_path.iterdir()} == {f"{algorithm.__name__}_1", "other_1"}
+    events = event_accumulator.EventAccumulator(str(tmp_path / f"{algorithm.__name__}_1"))
+    events.Reload()
+    shown = set(events.Tags()["scalars"])
+    assert {"rollout/ep_rew_mean", "train/actor_loss", "train/critic_loss"} <= shown
+    assert {"encoder/bound_nats", "encoder/learning_rate", "belief/mean_abs", "belief/var"} <= shown
+    assert all(np.isfinite(event.value) for event in events.Scalars("encoder/bound_nats"))
