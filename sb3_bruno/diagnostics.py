@@ -78,7 +78,7 @@ def diagnose(
     view, rng = AgentView(model.policy, vec_normalize), np.random.default_rng(seed)
     with th.no_grad(), th.random.fork_rng([model.device] if model.device.type == "cuda" else []):
         th.manual_seed(seed)
-        sequences = _sequences(inside)
+        sequences = _pad(inside)
         findings = [_compare(view, of_task, rng) for of_task in sequences]
         beliefs, explained = _principal_axes(np.stack([one.means for one in findings]))
         return Diagnostics(
@@ -92,7 +92,7 @@ def diagnose(
             real=np.stack([one.real for one in findings]),
             predicted=np.stack([one.predicted for one in findings], axis=1),
             outside_tasks=None if outside is None else np.asarray(outside_tasks, dtype=np.float64),
-            outside_bounds=None if outside is None else _bounds(view, _sequences(outside)),
+            outside_bounds=None if outside is None else _bounds(view, _pad(outside)),
         )
 
 
@@ -113,42 +113,67 @@ class _Comparison(NamedTuple):
     predicted: Floats
 
 
-def _sequences(episodes: Sequence[Sequence[Episode]]) -> list[Transitions]:
-    """The transitions of each task's episodes, arrays (n_episodes, horizon, dim), NaN after an episode's end."""
-    every = [episode for of_task in episodes for episode in of_task]
-    observations, actions, rewards, arrivals = (pad_episodes(column) for column in zip(*every, strict=True))
-    columns = [observations, actions, rewards[..., None], arrivals]
-    return [Transitions(*parts) for parts in zip(*(np.split(one, len(episodes)) for one in columns), strict=True)]
+class _Sequences(NamedTuple):
+    """The episodes of one task, padded with NaN.
+
+    :ivar transitions: arrays (n_episodes, horizon, dim)
+    :ivar absorbed: 1 where the agent was shown the transition, 0 at an inner end of a trial, (n_episodes, horizon)
+    """
+
+    transitions: Transitions
+    absorbed: Floats
 
 
-def _compare(view: AgentView, sequences: Transitions, rng: np.random.Generator) -> _Comparison:
+def _pad(episodes: Sequence[Sequence[Episode]]) -> list[_Sequences]:
+    """The episodes of each task, all as long as the longest."""
+    every = [_transitions(episode) for of_task in episodes for episode in of_task]
+    columns = [np.split(pad_episodes(column), len(episodes)) for column in zip(*every, strict=True)]
+    absorbed = np.nan_to_num(pad_episodes([1.0 - one.inner_ends for of_task in episodes for one in of_task]))
+    rows = zip(zip(*columns, strict=True), np.split(absorbed, len(episodes)), strict=True)
+    return [_Sequences(Transitions(*parts), shown) for parts, shown in rows]
+
+
+def _transitions(episode: Episode) -> Transitions:
+    """The transitions of an episode, arrays (length, dim)."""
+    columns: list[Any] = [episode.observations, episode.actions, episode.rewards[:, None], episode.next_observations]
+    return Transitions(*columns)
+
+
+def _compare(view: AgentView, sequences: _Sequences, rng: np.random.Generator) -> _Comparison:
     """Beliefs and predictions given the transitions before, and what came."""
-    prefixes = view.encoder.prefixes(view.observe(*sequences))
-    horizon = sequences.rewards.shape[1]
+    observed = view.observe(*sequences.transitions)
+    prefixes = view.encoder.prefixes(observed, weights=th.as_tensor(sequences.absorbed).to(observed.rewards))
+    horizon = sequences.absorbed.shape[1]
 
     def outcomes(episodes: slice, steps: list[int]) -> tuple[list[str], Floats, Floats]:
         """Names (n_quantities,), real values (..., n_quantities) and samples (n_samples, ..., n_quantities)."""
         statistics = tuple(one[episodes, steps] for one in prefixes)
         belief = TaskBelief(view.encoder.posterior(statistics), statistics)
-        here = Transitions(*(one[episodes, steps] for one in sequences))
+        here = Transitions(*(one[episodes, steps] for one in sequences.transitions))
         modelled = view.outcomes(belief, here.observations, here.actions, here.next_observations, N_SAMPLES)
         names, real, samples = [], [], []
         if modelled.rewards is not None:
-            names, real, samples = ["reward"], [here.rewards], [modelled.rewards.cpu()]
+            names, real, samples = ["reward"], [here.rewards], [modelled.rewards.cpu().numpy()]
         if modelled.next_observations is not None:
-            names += [f"next observation {i}" for i in range(modelled.next_observations.shape[-1])]
-            real.append(here.next_observations)
-            samples.append(modelled.next_observations.cpu())
+            # The change, for where the agent is says almost all of where it will be, and hides what was predicted.
+            names += [f"change of observation {i}" for i in range(here.observations.shape[-1])]
+            real.append(here.next_observations - here.observations)
+            samples.append(modelled.next_observations.cpu().numpy() - here.observations)
         return names, np.concatenate(real, axis=-1), np.concatenate(samples, axis=-1)
 
-    scored = np.unique(np.linspace(0, horizon - 1, N_SCORED).astype(int)).tolist()
-    names, real, samples = outcomes(np.s_[:], scored)
+    names, real, samples = outcomes(np.s_[:], _spread(horizon, N_SCORED))
     pit = _randomized_ranks(real, samples, rng)
     _, real, samples = outcomes(np.s_[:1], list(range(horizon)))
     first = samples[:, 0, :, 0]
     predicted = np.stack([first.mean(axis=0), *np.quantile(first, INTERVAL, axis=0)])
     means = view.encoder.posterior(prefixes).mean.cpu().double().numpy()
     return _Comparison(names, pit, means, real[0, :, 0], predicted)
+
+
+def _spread(length: int, at_most: int) -> list[int]:
+    """Steps evenly over an episode, its first and its last among them."""
+    steps: list[int] = np.unique(np.linspace(0, length - 1, at_most).astype(int)).tolist()
+    return steps
 
 
 def _randomized_ranks(values: Floats, samples: Floats, rng: np.random.Generator) -> Floats:
@@ -161,20 +186,18 @@ def _randomized_ranks(values: Floats, samples: Floats, rng: np.random.Generator)
     return np.where(np.isnan(values), np.nan, ranks)
 
 
-def _bounds(view: AgentView, sequences: list[Transitions]) -> Floats:
-    """The bound on every transition given those before it, (n_tasks, n_episodes, horizon)."""
-    bounds = [view.encoder.one_step_bounds(view.observe(*of_task)).cpu().double().numpy() for of_task in sequences]
-    return np.stack(bounds)
+def _bounds(view: AgentView, sequences: list[_Sequences]) -> Floats:
+    """The bound on every transition given all before it, (n_tasks, n_episodes, horizon)."""
+    bounds = [view.encoder.one_step_bounds(view.observe(*of_task.transitions)) for of_task in sequences]
+    return th.stack(bounds).cpu().double().numpy()
 
 
 def _levels(view: AgentView, encoder: BrunoEncoder, episode: Episode) -> Floats:
     """The PIT of beta_n of transitions spread over an episode, (n_scales,)."""
     from scipy.stats import chi2, f
 
-    n = len(episode.rewards)
-    spread = np.unique(np.linspace(0, n - 1, N_CONTEXT).astype(int))
-    observations, actions, rewards, arrivals = (one[spread] for one in episode)
-    distance = encoder.distance(view.observe(observations, actions, rewards[:, None], arrivals))
+    spread = _spread(len(episode.rewards), N_CONTEXT)
+    distance = encoder.distance(view.observe(*(one[spread] for one in _transitions(episode))))
     beta, n_values, df = (one.cpu().double().numpy() for one in distance)
     if np.isinf(df).all():
         levels: Floats = chi2.cdf(beta, n_values)

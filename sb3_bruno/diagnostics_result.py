@@ -19,7 +19,8 @@ class Diagnostics:
 
     Args:
         tasks: the hidden tasks, ``(n_tasks, task_dim)``.
-        quantities: names of the modelled quantities, the reward first if it is one, ``(n_quantities,)``.
+        quantities: names of what is modelled, the reward first if it is; of next observations the changes,
+            ``(n_quantities,)``.
         pit: probability integral transforms of the modelled quantities under the one-step predictive, uniform if
             that is the truth, ``(n_tasks, n_episodes, n_steps, n_quantities)``.
         distance_levels: the same of each set's squared Mahalanobis distance, one per latent dimension, or one per

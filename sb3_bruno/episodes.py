@@ -24,12 +24,15 @@ class Episode(NamedTuple):
         actions: as the environment took them, ``(length, ...)``.
         rewards: single precision, as SB3's VecEnv delivers them, ``(length,)``.
         next_observations: where the actions led, the terminal observation last, ``(length, ...)``.
+        inner_ends: whether an episode within a trial ended there, ``(length,)``: the next observation that the model
+            was shown is another one's first, and of this transition it was shown nothing.
     """
 
     observations: NDArray[Any]
     actions: NDArray[Any]
     rewards: NDArray[np.float32]
     next_observations: NDArray[Any]
+    inner_ends: NDArray[np.bool_]
 
 
 def record_episodes(
@@ -107,7 +110,8 @@ def _run_episodes(
         observations, rewards, episode_start, infos = venv.step(actions)
         if not np.isfinite(rewards[:n][running]).all():
             raise ValueError(f"the environment's reward at step {len(steps)} is not finite: check its reward.")
-        steps.append((here, actions, rewards, _arrivals(_own(observations, (venv.num_envs,)), infos)))
+        inner_ends = np.array(["final_observation" in info for info in infos])
+        steps.append((here, actions, rewards, _arrivals(_own(observations, (venv.num_envs,)), infos), inner_ends))
         lengths += running
         running &= ~episode_start[:n]
     columns = [np.stack(column, axis=1) for column in zip(*steps, strict=True)]  # (num_envs, longest, ...) each

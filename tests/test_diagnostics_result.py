@@ -22,7 +22,7 @@ def diagnostics_of(seed: int = 0, n_outside: int = 2, **changes: Any) -> Diagnos
     pit[1, 2, 2:] = bounds[1, 2, 2:] = beliefs[1, 2, 3:] = NAN
     found = Diagnostics(
         tasks=rng.normal(size=(3, 1)),
-        quantities=np.array(["reward", "next observation 0"]),
+        quantities=np.array(["reward", "change of observation 0"]),
         pit=pit,
         distance_levels=rng.random((3, 4, 3)),
         bounds=bounds,
@@ -86,7 +86,7 @@ def test_summary_shows_each_quantity() -> None:
     found = diagnostics_of()
     lines = found.summary().splitlines()
     assert lines[0] == "3 tasks, 4 episodes each, up to 6 steps"
-    assert [line[:18].strip() for line in lines[1:4]] == ["quantity", "reward", "next observation 0"]
+    assert [line[:23].strip() for line in lines[1:4]] == ["quantity", "reward", "change of observation 0"]
     assert lines[2].split()[1] == f"{found.pit_ks()[0]:.3f}"
     assert len({len(line) for line in lines[1:4]}) == 1
     assert lines[-1] == f"outside tasks: 2, told from these with AUROC {found.auroc():.3f}"

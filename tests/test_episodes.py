@@ -73,6 +73,7 @@ def test_within_a_trial_a_transition_leads_to_where_the_inner_episode_ended() ->
     ((episode,),) = record_episodes(Double(), lambda: CountEnv("observation", 2), [[5.0]], n_episodes=1)
     np.testing.assert_array_equal(episode.observations[:, 0], [0, 1, 0, 1, 0])
     np.testing.assert_array_equal(episode.next_observations[:, 0], [1, 2, 1, 2, 1])
+    np.testing.assert_array_equal(episode.inner_ends, [False, True, False, True, False])
 
 
 def test_a_dict_without_an_observation_is_run_all_the_same() -> None:
