@@ -39,15 +39,15 @@ def diagnose(
 
     - Calibration: each modelled quantity's rank among samples of its predictive given the transitions before it, at
       up to 50 steps spread over the episode. Beliefs and predictions are the agent's own, so the noise that augments
-      their context is zero.
+      their context is zero; a policy that may forget is taken as one that does not.
     - Distance: beta_n of up to 20 transitions spread over the episode, against chi-squared or F. The model takes
       transitions of one task for independent given the task, and neighbours in an agent's stream are not. So the
       whole episode would show the correlation and not the model; these few show less of it, not none.
     - Bounds: of every transition given those before it. Like the distances, with noise drawn.
-    - Alarm: an episode's score is minus its mean bound. In trials it told outside tasks better than the tail of
-      beta_n did, above all with a Student-t process, whose tails forgive much.
+    - Alarm: an episode's score is minus its mean bound. On trained agents the tail of beta_n told less: it asks only
+      whether the latents fit together. An episode more regular than expected scores low and raises no alarm.
 
-    All random numbers come from ``seed``; torch's own state is as it was before.
+    All random numbers come from ``seed``; torch's own state is as it was before. Needs the ``plots`` extra, for SciPy.
 
     Args:
         model: the agent; its encoder is a ``BrunoEncoder``.
