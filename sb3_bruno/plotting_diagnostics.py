@@ -89,7 +89,7 @@ def _draw_alarm(panel: Axes, found: Diagnostics) -> None:
     for (name, scores), color in zip(groups.items(), COLORS, strict=False):
         panel.hist(np.clip(scores, low, high), bins=edges, color=color, alpha=0.55, label=name)
     panel.yaxis.set_major_locator(MaxNLocator(integer=True))
-    _label(panel, f"score: minus the mean bound, nats{' (outer bars: and beyond)' if cut else ''}", "episodes")
+    _label(panel, f"minus mean bound, nats{' (outer bars: and beyond)' if cut else ''}", "episodes")
 
 
 def _draw_bounds(panel: Axes, found: Diagnostics) -> None:
