@@ -80,6 +80,17 @@ class Record(NamedTuple):
         means: pd.Series[float] = self.episodes.groupby("task", sort=False)[f"return_{horizon}"].mean()
         return means
 
+    def parts(self) -> dict[str, list[str]]:
+        """Tasks to tell apart, by name: each of a few; of many, those inside and outside the training tasks' box."""
+        labels: list[str] = self.episodes["task"].unique().tolist()
+        if len(labels) <= _MAX_TASKS:
+            return {label: [label] for label in labels}
+        inside = self.about["config"].get("inside_train_box", [True])
+        if all(inside):
+            return {}
+        pairs = list(zip(labels, inside, strict=True))
+        return {"inside": [one for one, is_in in pairs if is_in], "outside": [one for one, is_in in pairs if not is_in]}
+
 
 def _learning(curve: LearningCurve) -> pd.DataFrame:
     n_episodes = curve.returns.shape[1]

@@ -52,6 +52,15 @@ def test_rewards_of_many_tasks_are_kept_together(tmp_path: Path) -> None:
     assert len(record.scores(200)) == 30
 
 
+def test_many_tasks_are_told_apart_by_whether_training_tasks_surround_them(tmp_path: Path) -> None:
+    tasks = np.arange(6.0)[:, None]
+    inside = [False, True, True, True, True, False]
+    record = Record.from_run(run_folder(tmp_path / "a", 1, tasks=tasks, inside_train_box=inside))
+    assert record.parts() == {"inside": ["1", "2", "3", "4"], "outside": ["0", "5"]}
+    assert Record.from_run(run_folder(tmp_path / "b", 1, tasks=tasks, inside_train_box=[True] * 6)).parts() == {}
+    assert Record.from_run(run_folder(tmp_path / "c", 1)).parts() == {"1_0": ["1_0"], "0_1": ["0_1"]}
+
+
 def test_a_method_is_called_by_what_was_chosen_against_its_config(tmp_path: Path) -> None:
     about = {"conf": "oracle", "params": {"n_envs": 20}}
     assert Record.from_run(run_folder(tmp_path / "a", 1, "sac", **about)).method == "sac (oracle, n_envs=20)"

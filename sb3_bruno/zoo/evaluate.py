@@ -61,7 +61,7 @@ def evaluate(arguments: list[str]) -> None:
     model = rl_zoo3.ALGOS[options.algo].load(model_path, device="cpu")
     if options.video and not isinstance(model, TaskInference):
         raise Mistake(f"--video draws the belief, and {options.algo} has none: use record-video")
-    tasks = _tasks(make_env, options.split)
+    tasks, inside = _tasks(make_env, options.split)
     vec_normalize = _vec_normalize(Path(log_path) / env_name, make_env)
     result = evaluate_adaptation(
         model,
@@ -77,6 +77,7 @@ def evaluate(arguments: list[str]) -> None:
             "env_steps": model.num_timesteps,
             "seed": model.seed,
             "wall_seconds": training_seconds(Path(log_path)),
+            "inside_train_box": inside,
         },
     )
     out = options.out or Path(log_path)
@@ -117,18 +118,19 @@ def plot(arguments: list[str]) -> None:
     print(f"Saved {options.out}")
 
 
-def _tasks(make_env: Callable[[], gym.Env[Any, Any]], split: str) -> NDArray[np.float32]:
-    """All tasks of a split, (n_tasks, task_dim).
+def _tasks(make_env: Callable[[], gym.Env[Any, Any]], split: str) -> tuple[NDArray[np.float32], list[bool]]:
+    """All tasks of a split, (n_tasks, task_dim), and which of them lie between training tasks.
 
     :raises Mistake: if the environment has no list of them
     """
     try:
         env = make_env()
-        tasks: NDArray[np.float32] = env.get_wrapper_attr("task_distribution").tasks(split)
+        distribution = env.get_wrapper_attr("task_distribution")
+        tasks: NDArray[np.float32] = distribution.tasks(split)
     except (TypeError, AttributeError) as error:
         raise Mistake(f"the environment has no list of {split} tasks to test on: {error}") from error
     env.close()
-    return tasks
+    return tasks, distribution.inside_train_box(tasks).tolist()
 
 
 def _env_kwargs(params: Path) -> dict[str, Any]:

@@ -58,8 +58,8 @@ def report(arguments: list[str]) -> None:
 def by_method(methods: Methods) -> list[str]:
     """The interquartile mean over seeds of the mean return over the tasks; the lowest episode of all beside it."""
     horizons = [horizon for horizon in HORIZONS if all(f"return_{horizon}" in one.episodes for one in _all(methods))]
-    tasks = _few_tasks(methods)
-    columns = [f"{horizon:,} steps" for horizon in horizons] + [f"{horizons[-1]:,} steps, {task}" for task in tasks]
+    parts = next(iter(_all(methods))).parts()
+    columns = [f"{horizon:,} steps" for horizon in horizons] + [f"{horizons[-1]:,} steps, {part}" for part in parts]
     lines = _header(["method", "seeds", "env steps", *columns, "lowest episode", "steps to 90 %", "wall minutes"])
     for name, runs in methods.items():
         cells = [name, str(len(runs)), f"{_config(runs[0])['env_steps']:,}"]
@@ -67,7 +67,8 @@ def by_method(methods: Methods) -> list[str]:
             scores = np.array([[run.scores(horizon).mean()] for run in runs])
             value, low, high = interquartile_mean(scores)
             cells.append(f"{value:.1f} ({low:.1f} to {high:.1f})" if len(runs) > 1 else f"{value:.1f}")
-        cells += [f"{np.mean([run.scores(horizons[-1])[task] for run in runs]):.0f}" for task in tasks]
+        for tasks in parts.values():
+            cells.append(f"{np.mean([run.scores(horizons[-1])[tasks].mean() for run in runs]):.1f}")
         cells.append(f"{min(run.episodes[f'return_{horizons[-1]}'].min() for run in runs):.0f}")
         cells.append(f"{np.mean([np.mean(list(run.about['steps_to_90'].values())) for run in runs]):.1f}")
         cells.append(" / ".join(_minutes(run) for run in runs))
