@@ -73,8 +73,9 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         distribution = as_task_distribution(tasks, task_space)
         if draw == "cycle" and not isinstance(distribution, TaskSet):
             raise ValueError("draw='cycle' needs finite tasks: use draw='random', or give an array (n, dim).")
+        recorded = None if tasks is None else distribution
         RecordConstructorArgs.__init__(
-            self, apply_task=apply_task, tasks=distribution, split=split, draw=draw, task_space=task_space
+            self, apply_task=apply_task, tasks=recorded, split=split, draw=draw, task_space=task_space
         )
         super().__init__(env)
         self._apply_task = apply_task

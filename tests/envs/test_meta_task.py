@@ -154,6 +154,11 @@ def test_without_tasks_there_is_one_constant_task():
     assert env.task_space == Box(0.0, 0.0, (1,))
 
 
+def test_without_tasks_it_is_rebuilt_from_its_spec():
+    env = gym.make(MetaTask(gym.make("Pendulum-v1")).spec)
+    assert env.reset(seed=0)[1]["task"].tolist() == [0.0]
+
+
 def test_the_task_space_is_found_through_wrappers():
     env = TimeLimit(point(task_space=PLANE), 3)
     assert env.get_wrapper_attr("task_space") == PLANE
