@@ -17,7 +17,7 @@ from sb3_bruno.adaptation_result import AdaptationResult, task_label
 from sb3_bruno.eval_callback import LearningCurve, load_learning_curve
 
 HORIZONS = (200, 1_000)
-"""Steps after which the returns of the final test are kept: the paper's for curves and for the final test."""
+"""Steps after which the returns of the final test are kept, beside its own: the paper's for curves and for the test."""
 
 _ABOUT, _CURVE, _EPISODES, _REWARDS = "run.json", "learning_curve.csv", "episodes.csv", "rewards.csv"
 _MAX_TASKS = 4  # whose rewards are kept for each; of more, together
@@ -29,7 +29,7 @@ class Record(NamedTuple):
     Attributes:
         about: config (algo, env, env_steps, seed, ...), versions, and the steps to 90 % of each task's steady reward.
         learning: the test return of every episode while training: timesteps, task, return.
-        episodes: the final test: task, episode, return_200 and return_1000, as far as it was tested.
+        episodes: the final test: task, episode, the ``measures``.
         rewards: the final test: task (or "all"), step, and mean, lowest and highest reward over the episodes.
     """
 
@@ -75,9 +75,14 @@ class Record(NamedTuple):
         about = {"config": result.config, "versions": result.versions, "test_seed": result.seed, "steps_to_90": steps}
         return cls(about, _learning(load_learning_curve(folder)), _episodes(result), _rewards(result))
 
-    def scores(self, horizon: int) -> pd.Series[float]:
-        """The mean return of each task over its episodes of the final test, by task."""
-        means: pd.Series[float] = self.episodes.groupby("task", sort=False)[f"return_{horizon}"].mean()
+    @property
+    def measures(self) -> list[str]:
+        """What was measured: return_200 and the like, after as many steps; of trials, episode_1 and so on too."""
+        return [str(name) for name in self.episodes.columns.drop(["task", "episode"])]
+
+    def scores(self, measure: str) -> pd.Series[float]:
+        """The mean of each task over its episodes of the final test, by task."""
+        means: pd.Series[float] = self.episodes.groupby("task", sort=False)[measure].mean()
         return means
 
     def parts(self) -> dict[str, list[str]]:
@@ -109,9 +114,12 @@ def _episodes(result: AdaptationResult) -> pd.DataFrame:
         "task": np.repeat([task_label(task) for task in result.tasks], n_episodes),
         "episode": np.tile(np.arange(n_episodes), n_tasks),
     }
-    for horizon in HORIZONS:
-        if horizon <= result.horizon:
-            columns[f"return_{horizon}"] = result.returns(horizon).ravel()
+    n_inner = result.config.get("n_inner_episodes", 1)
+    if n_inner > 1:
+        inner = result.returns_per_episode(n_inner).reshape(-1, n_inner)
+        columns |= {f"episode_{number + 1}": inner[:, number] for number in range(n_inner)}
+    for horizon in (*(one for one in HORIZONS if one < result.horizon), result.horizon):
+        columns[f"return_{horizon}"] = result.returns(horizon).ravel()
     return pd.DataFrame(columns)
 
 

@@ -41,15 +41,15 @@ def test_a_record_holds_the_curve_and_the_test_and_reads_back(tmp_path: Path) ->
         pd.testing.assert_frame_equal(one, two.reset_index(drop=True), check_dtype=False)
     assert read.learning["return"].tolist() == [3.0, 4.0, 5.0, 6.0]
     assert read.learning["task"].tolist() == ["1_0", "0_1"] * 2
-    assert read.scores(200).to_dict() == pytest.approx({"1_0": (-200 + 2 * 600) / 3, "0_1": 600})
-    assert "return_1000" not in read.episodes, "it was tested for 210 steps"
+    assert read.scores("return_200").to_dict() == pytest.approx({"1_0": (-200 + 2 * 600) / 3, "0_1": 600})
+    assert read.measures == ["return_200", "return_210"], "it was tested for 210 steps"
     assert read.rewards.groupby("task", sort=False)["low"].min().to_dict() == {"1_0": -1.0, "0_1": 3.0}
 
 
 def test_rewards_of_many_tasks_are_kept_together(tmp_path: Path) -> None:
     record = Record.from_run(run_folder(tmp_path / "run", 2, tasks=np.linspace(0, 3, 30)[:, None]))
     assert record.rewards["task"].unique().tolist() == ["all"] and len(record.rewards) == 210
-    assert len(record.scores(200)) == 30
+    assert len(record.scores("return_200")) == 30
 
 
 def test_many_tasks_are_told_apart_by_whether_training_tasks_surround_them(tmp_path: Path) -> None:
@@ -59,6 +59,12 @@ def test_many_tasks_are_told_apart_by_whether_training_tasks_surround_them(tmp_p
     assert record.parts() == {"inside": ["1", "2", "3", "4"], "outside": ["0", "5"]}
     assert Record.from_run(run_folder(tmp_path / "b", 1, tasks=tasks, inside_train_box=[True] * 6)).parts() == {}
     assert Record.from_run(run_folder(tmp_path / "c", 1)).parts() == {"1_0": ["1_0"], "0_1": ["0_1"]}
+
+
+def test_the_episodes_of_a_trial_are_kept_apart(tmp_path: Path) -> None:
+    record = Record.from_run(run_folder(tmp_path / "run", 2, n_inner_episodes=3))
+    assert record.measures == ["episode_1", "episode_2", "episode_3", "return_200", "return_210"]
+    assert record.scores("episode_3").to_dict() == pytest.approx({"1_0": (-70 + 2 * 140) / 3, "0_1": 140})
 
 
 def test_a_method_is_called_by_what_was_chosen_against_its_config(tmp_path: Path) -> None:
@@ -88,6 +94,7 @@ def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monk
     assert "| bruno_sac | 5 |" in page and "2 / ?" in page and "abcdef0" in page
     for name in ("learning_curves.png", "adaptation.png"):
         assert (tmp_path / "page" / name).stat().st_size > 10_000
+    assert "| 200 steps | 210 steps | 210 steps, 1_0 |" in page
     with pytest.raises(SystemExit, match="sb3-bruno evaluate"):
         report(tmp_path)
     monkeypatch.setattr(sys, "argv", ["sb3-bruno", "report", "--out", str(tmp_path / "none")])

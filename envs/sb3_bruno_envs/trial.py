@@ -39,7 +39,7 @@ class Trial(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             raise ValueError(f"env={env} would draw a task per inner episode: wrap Trial in MetaTask instead.")
         RecordConstructorArgs.__init__(self, n_episodes=n_episodes)
         super().__init__(env)
-        self._n_episodes = n_episodes
+        self.n_episodes = n_episodes
         self._episode_index = 0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
@@ -52,7 +52,7 @@ class Trial(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         """Step the environment, and begin the next inner episode where one ends."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         info = {**info, "episode_index": self._episode_index}
-        if not (terminated or truncated) or self._episode_index == self._n_episodes - 1:
+        if not (terminated or truncated) or self._episode_index == self.n_episodes - 1:
             return observation, reward, terminated, truncated, info
         info["final_observation"] = copy.deepcopy(observation)
         self._episode_index += 1

@@ -61,7 +61,7 @@ def evaluate(arguments: list[str]) -> None:
     model = rl_zoo3.ALGOS[options.algo].load(model_path, device="cpu")
     if options.video and not isinstance(model, TaskInference):
         raise Mistake(f"--video draws the belief, and {options.algo} has none: use record-video")
-    tasks, inside = _tasks(make_env, options.split)
+    tasks, inside, n_inner = _tasks(make_env, options.split)
     vec_normalize = _vec_normalize(Path(log_path) / env_name, make_env)
     result = evaluate_adaptation(
         model,
@@ -78,6 +78,7 @@ def evaluate(arguments: list[str]) -> None:
             "seed": model.seed,
             "wall_seconds": training_seconds(Path(log_path)),
             "inside_train_box": inside,
+            "n_inner_episodes": n_inner,
         },
     )
     out = options.out or Path(log_path)
@@ -85,6 +86,9 @@ def evaluate(arguments: list[str]) -> None:
     result.save(out / "adaptation.json")
     plot_adaptation({options.algo: result}, out / "adaptation.png")
     print(result.summary())
+    if n_inner > 1:
+        means = result.returns_per_episode(n_inner).mean(axis=(0, 1))
+        print(f"mean return of each episode of a trial: {', '.join(f'{mean:.2f}' for mean in means)}")
     print(f"Saved {out / 'adaptation.json'} and {out / 'adaptation.png'}")
     if options.video:
         assert isinstance(model, TaskInference)  # checked before the test
@@ -118,8 +122,8 @@ def plot(arguments: list[str]) -> None:
     print(f"Saved {options.out}")
 
 
-def _tasks(make_env: Callable[[], gym.Env[Any, Any]], split: str) -> tuple[NDArray[np.float32], list[bool]]:
-    """All tasks of a split, (n_tasks, task_dim), and which of them lie between training tasks.
+def _tasks(make_env: Callable[[], gym.Env[Any, Any]], split: str) -> tuple[NDArray[np.float32], list[bool], int]:
+    """All tasks of a split, (n_tasks, task_dim), which of them lie between training tasks, episodes per trial.
 
     :raises Mistake: if the environment has no list of them
     """
@@ -129,8 +133,9 @@ def _tasks(make_env: Callable[[], gym.Env[Any, Any]], split: str) -> tuple[NDArr
         tasks: NDArray[np.float32] = distribution.tasks(split)
     except (TypeError, AttributeError) as error:
         raise Mistake(f"the environment has no list of {split} tasks to test on: {error}") from error
+    n_inner = env.get_wrapper_attr("n_episodes") if env.has_wrapper_attr("n_episodes") else 1
     env.close()
-    return tasks, distribution.inside_train_box(tasks).tolist()
+    return tasks, distribution.inside_train_box(tasks).tolist(), n_inner
 
 
 def _env_kwargs(params: Path) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import pandas as pd
 
 from sb3_bruno.interquartile import interquartile_mean
 from sb3_bruno.plotting import Band, plot_bands
-from sb3_bruno.record import HORIZONS, Record
+from sb3_bruno.record import Record
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.parser import command_parser
 
@@ -57,19 +57,19 @@ def report(arguments: list[str]) -> None:
 
 def by_method(methods: Methods) -> list[str]:
     """The interquartile mean over seeds of the mean return over the tasks; the lowest episode of all beside it."""
-    horizons = [horizon for horizon in HORIZONS if all(f"return_{horizon}" in one.episodes for one in _all(methods))]
+    measures = _measures(methods)
     parts = next(iter(_all(methods))).parts()
-    columns = [f"{horizon:,} steps" for horizon in horizons] + [f"{horizons[-1]:,} steps, {part}" for part in parts]
+    columns = [_column(one) for one in measures] + [f"{_column(measures[-1])}, {part}" for part in parts]
     lines = _header(["method", "seeds", "env steps", *columns, "lowest episode", "steps to 90 %", "wall minutes"])
     for name, runs in methods.items():
         cells = [name, str(len(runs)), f"{_config(runs[0])['env_steps']:,}"]
-        for horizon in horizons:
-            scores = np.array([[run.scores(horizon).mean()] for run in runs])
+        for measure in measures:
+            scores = np.array([[run.scores(measure).mean()] for run in runs])
             value, low, high = interquartile_mean(scores)
             cells.append(f"{value:.1f} ({low:.1f} to {high:.1f})" if len(runs) > 1 else f"{value:.1f}")
         for tasks in parts.values():
-            cells.append(f"{np.mean([run.scores(horizons[-1])[tasks].mean() for run in runs]):.1f}")
-        cells.append(f"{min(run.episodes[f'return_{horizons[-1]}'].min() for run in runs):.0f}")
+            cells.append(f"{np.mean([run.scores(measures[-1])[tasks].mean() for run in runs]):.1f}")
+        cells.append(f"{min(run.episodes[measures[-1]].min() for run in runs):.0f}")
         cells.append(f"{np.mean([np.mean(list(run.about['steps_to_90'].values())) for run in runs]):.1f}")
         cells.append(" / ".join(_minutes(run) for run in runs))
         lines.append(_row(cells))
@@ -78,13 +78,12 @@ def by_method(methods: Methods) -> list[str]:
 
 def by_run(methods: Methods) -> list[str]:
     """One row per seed: the mean return of the final test, its lowest episode, and the commit that made it."""
-    lines = _header(["run", "seed", *(f"{horizon:,} steps" for horizon in HORIZONS), "lowest episode", "commit"])
+    measures = _measures(methods)
+    lines = _header(["run", "seed", *map(_column, measures), "lowest episode", "commit"])
     for name, runs in methods.items():
         for run in runs:
-            tested = [f"return_{horizon}" for horizon in HORIZONS if f"return_{horizon}" in run.episodes]
-            means = [f"{run.episodes[column].mean():.1f}" if column in tested else "" for column in _columns()]
-            lowest = f"{run.episodes[tested[-1]].min():.1f}"
-            commit = run.about["versions"].get("commit", "?")[:7]
+            means = [f"{run.episodes[measure].mean():.1f}" for measure in measures]
+            lowest, commit = f"{run.episodes[measures[-1]].min():.1f}", run.about["versions"].get("commit", "?")[:7]
             lines.append(_row([name, str(_config(run)["seed"]), *means, lowest, commit]))
     return lines
 
@@ -163,8 +162,19 @@ def _minutes(run: Record) -> str:
     return "?" if seconds is None else f"{seconds / 60:.0f}"
 
 
-def _columns() -> list[str]:
-    return [f"return_{horizon}" for horizon in HORIZONS]
+def _measures(methods: Methods) -> list[str]:
+    """What all runs measured, the longest horizon last."""
+    first, *others = _all(methods)
+    measures = [one for one in first.measures if all(one in other.measures for other in others)]
+    if not measures:
+        raise Mistake("the runs were tested over different numbers of steps: evaluate all with the same --steps")
+    return measures
+
+
+def _column(measure: str) -> str:
+    """return_1000 is "1,000 steps", episode_2 is "episode 2"."""
+    kind, number = measure.split("_")
+    return f"{int(number):,} steps" if kind == "return" else f"episode {number}"
 
 
 def _header(names: Sequence[str]) -> list[str]:

@@ -6,7 +6,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.spaces import Box
-from gymnasium.wrappers import TimeLimit
 
 from sb3_bruno_envs import MetaTask, PointDirEnv, TransitionObservation, Trial, check_meta_env
 
@@ -48,13 +47,13 @@ def set_gravity(pendulum, task):
 
 
 def meta_point(n_episodes=3, **kwargs):
-    trial = Trial(TimeLimit(PointDirEnv(), 5), n_episodes)
+    trial = Trial(gym.wrappers.TimeLimit(PointDirEnv(), 5), n_episodes)
     return TransitionObservation(MetaTask(trial, PointDirEnv.set_task, DIRECTIONS, **kwargs))
 
 
 @pytest.mark.parametrize("terminates", [True, False])
 def test_an_inner_end_begins_the_next_episode_and_the_last_ends_the_trial(terminates):
-    env = Trial(Counter(2) if terminates else TimeLimit(Counter(), 2), 3)
+    env = Trial(Counter(2) if terminates else gym.wrappers.TimeLimit(Counter(), 2), 3)
     observation, info = env.reset(seed=4, options={"speed": 3})
     assert (observation.item(), info) == (100, {"own": "reset", "episode_index": 0})
     steps = run(env, 6)
@@ -155,4 +154,4 @@ def test_no_episodes_are_refused(n_episodes):
 
 def test_a_task_drawn_inside_is_refused():
     with pytest.raises(ValueError, match="wrap Trial in MetaTask instead"):
-        Trial(MetaTask(TimeLimit(PointDirEnv(), 5)), 3)
+        Trial(MetaTask(gym.wrappers.TimeLimit(PointDirEnv(), 5)), 3)
