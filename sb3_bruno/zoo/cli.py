@@ -12,6 +12,7 @@ from pathlib import Path
 
 import rl_zoo3.enjoy
 import rl_zoo3.train
+import torch as th
 
 from sb3_bruno.zoo.evaluate import evaluate, plot
 from sb3_bruno.zoo.experiment import CHECKPOINT, COMMAND, TaskExperiment
@@ -60,6 +61,7 @@ def train(arguments: Arguments) -> None:
         if importlib.util.find_spec(needed) is None:
             raise Mistake(f"--track needs {needed}, which is not installed: pip install 'sb3_bruno[wandb]'")
     TaskExperiment.checkpoint_freq = own.checkpoint_freq
+    th.set_flush_denormal(True)  # docs/performance.md
     vars(rl_zoo3.train)["ExperimentManager"] = TaskExperiment  # what train() makes
     _call(rl_zoo3.train.train, "train", _with_defaults(rest, {**DEFAULTS, "--num-threads": "1"}))
 

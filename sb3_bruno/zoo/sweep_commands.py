@@ -86,6 +86,7 @@ def read_config(algo: str, env: str, conf: str | None) -> dict[str, Any]:
 def run(options: argparse.Namespace) -> None:
     """Work on the study until it has --max-total-trials, or for --n-trials; any number of workers may."""
     th.set_num_threads(1)
+    th.set_flush_denormal(True)  # docs/performance.md
     study = load_study(options.storage, options.study_name)
     experiment = SweepExperiment(study.user_attrs[SETTINGS])
 
