@@ -36,6 +36,7 @@ FLOORS = [
     {"diagnostics_callback"},
     {"quickstart", "record"},
     {"zoo.mistake", "zoo.parser", "zoo.registry"},
+    {"zoo.trained"},
     {"zoo.evaluate", "zoo.report", "zoo.experiment", "zoo.sampler"},
     {"zoo.sweep"},
     {"zoo.sweep_commands"},

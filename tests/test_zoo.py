@@ -17,11 +17,13 @@ from stable_baselines3.common.monitor import load_results
 
 from sb3_bruno import BrunoSAC
 from sb3_bruno.adaptation_result import AdaptationResult
+from sb3_bruno.diagnostics_result import Diagnostics
 from sb3_bruno.eval_callback import load_learning_curve
 from sb3_bruno.video import record_tasks
 from sb3_bruno.zoo.cli import COMMANDS, main
 from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.registry import ALGORITHMS, config_file, configs_folder
+from sb3_bruno.zoo.trained import training_seconds
 from sb3_bruno_envs import CHEETAH_VEL_TASKS, POINT_DIR_TASKS
 
 CONFIGS = sorted(configs_folder().rglob("*.yml"))
@@ -95,10 +97,13 @@ def test_train_evaluate_enjoy_record_and_plot(run, tmp_path):
     assert "steps to 90 %" in printed
     assert AdaptationResult.load(folder / "adaptation.json").rewards.shape == (2, 2, 30)
     assert VideoFileClip(folder / "adaptation.mp4").n_frames == 30
+    assert "reward" in run("diagnose", "--env", "PointDir-v0", "--episodes", 2)[0]
+    assert Diagnostics.load(folder / "diagnostics.npz").bounds.shape == (2, 2, 30)
     assert "Mean reward" in run("enjoy", "--env", "PointDir-v0", "--no-render", "-n", 60)[0]
     assert run("record-video", "--env", "PointDir-v0", "-n", 10)[1] == ""
     assert list((folder / "videos").glob("*.mp4"))
     assert run(*tiny("-conf", "oracle", algo="sac"))[1] == ""
+    assert "sac has no belief" in run("diagnose", "--algo", "sac", "--env", "PointDir-v0")[1]
     assert run("plot", "-a", "bruno_sac", "sac", "-e", "PointDir-v0")[1] == ""
     assert (tmp_path / "curves.png").stat().st_size > 10_000
 
@@ -217,3 +222,11 @@ def test_every_command_explains_itself(run, command):
 def test_help_names_every_command(run):
     printed, mistake = run("--help")
     assert mistake == "0" and all(f"  {command} " in printed for command in COMMANDS)
+
+
+@pytest.mark.parametrize(("clock", "seconds"), [([3.0, 7.5, 2.0, 4.0], 11.5), ([9.0], 9.0), ([], None)])
+def test_training_time_is_the_sum_over_the_parts_of_a_resumed_run(tmp_path, clock, seconds):
+    rows = [f"1.0,200,{one}" for one in clock]
+    (tmp_path / "0.monitor.csv").write_text("\n".join(['#{"t_start": 0.0}', "r,l,t", *rows]) + "\n")
+    assert training_seconds(tmp_path) == seconds
+    assert training_seconds(tmp_path / "elsewhere") is None

@@ -14,7 +14,7 @@ import rl_zoo3.enjoy
 import rl_zoo3.train
 import torch as th
 
-from sb3_bruno.zoo.evaluate import evaluate, plot
+from sb3_bruno.zoo.evaluate import diagnose, evaluate, plot
 from sb3_bruno.zoo.experiment import CHECKPOINT, COMMAND, TaskExperiment
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.parser import command_parser
@@ -90,6 +90,7 @@ COMMANDS: dict[str, Callable[[Arguments], None]] = {
     "record-video": record_video,
     "sweep": sweep,
     "evaluate": evaluate,
+    "diagnose": diagnose,
     "plot": plot,
     "report": report,
 }

@@ -1,0 +1,154 @@
+"""A trained agent found in rl_zoo3's log folder, with the environment and the tasks that it is to be tested on."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import pandas as pd
+import rl_zoo3
+import torch as th
+import yaml
+from huggingface_sb3 import EnvironmentName
+from numpy.typing import NDArray
+from rl_zoo3.utils import get_model_path, get_saved_hyperparams
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+from sb3_bruno.zoo.mistake import Mistake
+
+
+class TrainedAgent(NamedTuple):
+    """An agent and its test.
+
+    :ivar model: the agent, on the CPU
+    :ivar make_env: makes a test environment
+    :ivar tasks: all tasks of the split, (n_tasks, task_dim)
+    :ivar inside: which of them the training tasks surround
+    :ivar n_inner: episodes of a trial, 1 where episodes are no trials
+    :ivar vec_normalize: the training environment's, if it had one
+    :ivar folder: of the run
+    :ivar config: what tells this run from others, JSON values
+    """
+
+    model: BaseAlgorithm
+    make_env: Callable[..., gym.Env[Any, Any]]
+    tasks: NDArray[np.float32]
+    inside: NDArray[np.bool_]
+    n_inner: int
+    vec_normalize: VecNormalize | None
+    folder: Path
+    config: dict[str, Any]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The flags that choose an agent and its test."""
+    parser.add_argument("--algo", default="bruno_sac", choices=sorted(rl_zoo3.ALGOS), help="(default: bruno_sac)")
+    parser.add_argument("--env", type=EnvironmentName, default="CheetahDir-v0", help="(default: CheetahDir-v0)")
+    parser.add_argument("-f", "--folder", default="logs", help="log folder (default: logs)")
+    parser.add_argument("--exp-id", type=int, default=0, help="run number, 0: the latest (default)")
+    parser.add_argument("--load-best", action="store_true", help="the best model instead of the last")
+    parser.add_argument("--episodes", type=int, default=10, help="per task (default: 10)")
+    parser.add_argument("--steps", type=int, help="of each episode (default: the environment's own)")
+    parser.add_argument("--split", choices=["train", "test"], default="test", help="which tasks (default: test)")
+    parser.add_argument("--seed", type=int, default=0, help="of the environments (default: 0)")
+
+
+def load_trained(options: argparse.Namespace) -> TrainedAgent:
+    """The agent that the flags choose.
+
+    :raises Mistake: if there is none, or its environment has no list of tasks
+    """
+    th.set_num_threads(1)
+    env_name = EnvironmentName(options.env)
+    try:
+        _, model_path, folder = get_model_path(
+            options.exp_id, options.folder, options.algo, env_name, options.load_best
+        )
+    except (AssertionError, ValueError) as error:
+        raise Mistake(str(error)) from error
+    params = Path(folder) / env_name
+    env_kwargs = _env_kwargs(params) | {"split": options.split}
+    if options.steps is not None:
+        env_kwargs["max_episode_steps"] = options.steps
+    make_env = partial(gym.make, env_name.gym_id, **env_kwargs)
+    model = rl_zoo3.ALGOS[options.algo].load(model_path, device="cpu")
+    tasks, inside, n_inner = _tasks(make_env, options.split)
+    config = {
+        "algo": options.algo,
+        **_given(params),
+        "env": env_name.gym_id,
+        "env_steps": model.num_timesteps,
+        "seed": model.seed,
+        "wall_seconds": training_seconds(Path(folder)),
+        "inside_train_box": inside.tolist(),
+        "n_inner_episodes": n_inner,
+    }
+    return TrainedAgent(model, make_env, tasks, inside, n_inner, _vec_normalize(params, make_env), Path(folder), config)
+
+
+def _tasks(make_env: Callable[[], gym.Env[Any, Any]], split: str) -> tuple[NDArray[np.float32], NDArray[np.bool_], int]:
+    """All tasks of a split, (n_tasks, task_dim), which of them lie between training tasks, episodes per trial.
+
+    :raises Mistake: if the environment has no list of them
+    """
+    try:
+        env = make_env()
+        distribution = env.get_wrapper_attr("task_distribution")
+        tasks: NDArray[np.float32] = distribution.tasks(split)
+    except (TypeError, AttributeError) as error:
+        raise Mistake(f"the environment has no list of {split} tasks to test on: {error}") from error
+    n_inner = env.get_wrapper_attr("n_episodes") if env.has_wrapper_attr("n_episodes") else 1
+    env.close()
+    return tasks, distribution.inside_train_box(tasks), n_inner
+
+
+def _env_kwargs(params: Path) -> dict[str, Any]:
+    """What the run's environment was made with, by config and command line."""
+    return {**_hyperparams(params).get("env_kwargs", {}), **(_arguments(params)["env_kwargs"] or {})}
+
+
+def _given(params: Path) -> dict[str, Any]:
+    """What tells the run from others: the config that it chose, what went over it, and all hyperparameters."""
+    arguments = _arguments(params)
+    chosen = {
+        "conf": arguments["conf_file"],
+        "params": dict(arguments["hyperparams"] or {}),
+        "hyperparameters": dict(_hyperparams(params)),
+    }
+    as_json: dict[str, Any] = json.loads(json.dumps(chosen, default=str))
+    return as_json
+
+
+def _hyperparams(params: Path) -> dict[str, Any]:
+    hyperparams: dict[str, Any] = get_saved_hyperparams(str(params))[0]
+    return hyperparams
+
+
+def _arguments(params: Path) -> dict[str, Any]:
+    with open(params / "args.yml", encoding="utf-8") as file:
+        arguments: dict[str, Any] = yaml.unsafe_load(file)  # rl_zoo3 wrote an OrderedDict
+    return arguments
+
+
+def training_seconds(run: Path) -> float | None:
+    """How long a run has trained, by the clock of its monitor file; None without one or before its first episode.
+
+    Where a run was resumed the clock starts again: what lay between is not counted.
+    """
+    if not (run / "0.monitor.csv").is_file():
+        return None
+    seconds = pd.read_csv(run / "0.monitor.csv", comment="#")["t"].to_numpy(dtype=np.float64)
+    ends = np.diff(seconds, append=-np.inf) < 0  # the last episode of each part
+    return float(seconds[ends].sum()) or None
+
+
+def _vec_normalize(params: Path, make_env: Any) -> VecNormalize | None:
+    path = params / "vecnormalize.pkl"
+    return VecNormalize.load(str(path), DummyVecEnv([make_env])) if path.is_file() else None
