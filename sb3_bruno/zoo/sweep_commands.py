@@ -155,9 +155,9 @@ def best(options: argparse.Namespace) -> None:
 
 
 def export(options: argparse.Namespace) -> None:
-    """Write every trial with its state, return, times and draws as CSV."""
+    """Write every trial with its state, return, duration and draws as CSV."""
     study = load_study(options.storage, options.study_name)
-    study.trials_dataframe(multi_index=False).to_csv(options.out, index=False)
+    study.trials_dataframe(attrs=("number", "state", "value", "duration", "params")).to_csv(options.out, index=False)
     print(f"Saved {len(study.trials)} trials in {options.out}")
 
 
