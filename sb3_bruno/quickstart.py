@@ -18,6 +18,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from sb3_bruno import BrunoSAC
+from sb3_bruno.denormals import flushed_denormals
 from sb3_bruno.eval_callback import TaskEvalCallback, load_learning_curve
 from sb3_bruno.evaluation import AdaptationResult, evaluate_adaptation
 from sb3_bruno.plotting import plot_adaptation, plot_learning_curves
@@ -63,9 +64,9 @@ def main(arguments: list[str] | None = None) -> None:
 def run(steps: int, seed: int, folder: Path) -> AdaptationResult:
     """Train (or go on training), test, save; prints where the results are and what they show."""
     th.set_num_threads(1)  # small networks are fastest so, and two runs side by side do not hurt each other
-    th.set_flush_denormal(True)  # docs/performance.md
     folder.mkdir(parents=True, exist_ok=True)
-    model = train(steps, seed, folder)
+    with flushed_denormals():
+        model = train(steps, seed, folder)
     model.save(folder / "model.zip")
     result = evaluate_adaptation(
         model,

@@ -54,7 +54,7 @@ class Images(gym.Env):
         ({"encoder_batch_size": 0}, "at least 1"),
         ({"encoder_update_ratio": -0.5}, "not be negative"),
         ({"critic_input": "reward"}, "'task', 'belief' or 'both'"),
-        ({"encoder_kwargs": {"modelled": "actions"}}, "'rewards', 'next_observations' or 'both'"),
+        ({"encoder_kwargs": {"modelled": "actions"}}, "'rewards', 'next_observations', 'both'"),
         ({"replay_buffer_kwargs": {"context": "last"}}, "'iid', 'recent' or 'episode'"),
         ({"policy_kwargs": {"encoder_kwargs": {}}}, "encoder_kwargs=..."),
     ],

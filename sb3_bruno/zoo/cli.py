@@ -12,8 +12,8 @@ from pathlib import Path
 
 import rl_zoo3.enjoy
 import rl_zoo3.train
-import torch as th
 
+from sb3_bruno.denormals import flushed_denormals
 from sb3_bruno.zoo.evaluate import diagnose, evaluate, plot
 from sb3_bruno.zoo.experiment import CHECKPOINT, COMMAND, TaskExperiment
 from sb3_bruno.zoo.mistake import Mistake
@@ -61,9 +61,9 @@ def train(arguments: Arguments) -> None:
         if importlib.util.find_spec(needed) is None:
             raise Mistake(f"--track needs {needed}, which is not installed: pip install 'sb3_bruno[wandb]'")
     TaskExperiment.checkpoint_freq = own.checkpoint_freq
-    th.set_flush_denormal(True)  # docs/performance.md
     vars(rl_zoo3.train)["ExperimentManager"] = TaskExperiment  # what train() makes
-    _call(rl_zoo3.train.train, "train", _with_defaults(rest, {**DEFAULTS, "--num-threads": "1"}))
+    with flushed_denormals():
+        _call(rl_zoo3.train.train, "train", _with_defaults(rest, {**DEFAULTS, "--num-threads": "1"}))
 
 
 def enjoy(arguments: Arguments) -> None:

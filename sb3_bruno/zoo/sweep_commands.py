@@ -15,6 +15,7 @@ from optuna.trial import TrialState
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 from rl_zoo3.utils import StoreDict
 
+from sb3_bruno.denormals import flushed_denormals
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.parser import command_parser
 from sb3_bruno.zoo.registry import config_file
@@ -86,14 +87,14 @@ def read_config(algo: str, env: str, conf: str | None) -> dict[str, Any]:
 def run(options: argparse.Namespace) -> None:
     """Work on the study until it has --max-total-trials, or for --n-trials; any number of workers may."""
     th.set_num_threads(1)
-    th.set_flush_denormal(True)  # docs/performance.md
     study = load_study(options.storage, options.study_name)
     experiment = SweepExperiment(study.user_attrs[SETTINGS])
 
     def objective(trial: optuna.Trial) -> float:
         if options.max_total_trials:
             give_back_surplus(trial, options.max_total_trials)
-        return experiment.objective(trial)
+        with flushed_denormals():
+            return experiment.objective(trial)
 
     def is_done() -> bool:
         tell_of_lost_trials(study)
