@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import gymnasium as gym
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from sb3_bruno_envs.painting import BLUE, GREEN, GREY, blank_image, paint
 
 
-class PointEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+class PointEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]], ABC):
     """Observes the position ``(2,)``; the action is the velocity ``(2,)``, clipped to [-1, 1].
 
     A subclass says where the point starts and how far it moves, what a step earns, and what to paint of the task.
@@ -56,9 +57,9 @@ class PointEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Where the point is, ``(2,)``."""
         return self.trail[-1].astype(np.float32)
 
+    @abstractmethod
     def task_points(self) -> NDArray[np.float64]:
         """Points ``(n, 2)`` that show the task."""
-        raise NotImplementedError
 
     def render(self) -> NDArray[np.uint8] | None:
         """The image ``(128, 128, 3)``, or None without a render mode."""

@@ -43,109 +43,60 @@ from sb3_bruno_envs.trial import Trial
 Observe: TypeAlias = Literal["transition", "task", "plain"]
 
 
-def make_cheetah_dir(
-    *,
-    split: Split = "train",
-    tasks: Any = None,
-    draw: Draw = "random",
-    observe: Observe = "transition",
-    task_space: Box | None = None,
-    **env_kwargs: Any,
-) -> gym.Env[Any, Any]:
+def make_cheetah_dir(**kwargs: Any) -> gym.Env[Any, Any]:
     """The half-cheetah that should run in a hidden direction; a task is one-hot, ``(2,)``: back, forward."""
-    env, family = CheetahDirEnv(**env_kwargs), CHEETAH_DIR_TASKS
-    return _with_tasks(env, CheetahDirEnv.set_task, family, split, tasks, draw, observe, task_space)
+    return _make(CheetahDirEnv, CheetahDirEnv.set_task, CHEETAH_DIR_TASKS, **kwargs)
 
 
-def make_cheetah_vel(
-    *,
-    split: Split = "train",
-    tasks: Any = None,
-    draw: Draw = "random",
-    observe: Observe = "transition",
-    task_space: Box | None = None,
-    **env_kwargs: Any,
-) -> gym.Env[Any, Any]:
+def make_cheetah_vel(**kwargs: Any) -> gym.Env[Any, Any]:
     """The half-cheetah that should run at a hidden velocity; a task is ``(1,)``, in m/s."""
-    env, family = CheetahVelEnv(**env_kwargs), CHEETAH_VEL_TASKS
-    return _with_tasks(env, CheetahVelEnv.set_task, family, split, tasks, draw, observe, task_space)
+    return _make(CheetahVelEnv, CheetahVelEnv.set_task, CHEETAH_VEL_TASKS, **kwargs)
 
 
-def make_cartpole_swing_up(
-    *,
-    split: Split = "train",
-    tasks: Any = None,
-    draw: Draw = "random",
-    observe: Observe = "transition",
-    task_space: Box | None = None,
-    **env_kwargs: Any,
-) -> gym.Env[Any, Any]:
+def make_cartpole_swing_up(**kwargs: Any) -> gym.Env[Any, Any]:
     """The cart-pole of hidden mass and length that should swing up; a task is ``(2,)``, in kg and m."""
-    env, family = CartpoleSwingUpEnv(**env_kwargs), CARTPOLE_TASKS
-    return _with_tasks(env, CartpoleSwingUpEnv.set_task, family, split, tasks, draw, observe, task_space)
+    return _make(CartpoleSwingUpEnv, CartpoleSwingUpEnv.set_task, CARTPOLE_TASKS, **kwargs)
 
 
-def make_cheetah_params(
-    *,
-    split: Split = "train",
-    tasks: Any = None,
-    draw: Draw = "random",
-    observe: Observe = "transition",
-    task_space: Box | None = None,
-    **env_kwargs: Any,
-) -> gym.Env[Any, Any]:
+def make_cheetah_params(**kwargs: Any) -> gym.Env[Any, Any]:
     """The half-cheetah of a hidden body that should run forward; a task is ``(4,)``, see CheetahParamsEnv."""
-    env, family = CheetahParamsEnv(**env_kwargs), CHEETAH_PARAMS_TASKS
-    return _with_tasks(env, CheetahParamsEnv.set_task, family, split, tasks, draw, observe, task_space)
+    return _make(CheetahParamsEnv, CheetahParamsEnv.set_task, CHEETAH_PARAMS_TASKS, **kwargs)
 
 
-def make_point_dir(
-    *,
-    split: Split = "train",
-    tasks: Any = None,
-    draw: Draw = "random",
-    observe: Observe = "transition",
-    task_space: Box | None = None,
-    **env_kwargs: Any,
-) -> gym.Env[Any, Any]:
+def make_point_dir(**kwargs: Any) -> gym.Env[Any, Any]:
     """The point that should move in a hidden direction; a task is ``(2,)``, a unit vector."""
-    env, family = PointDirEnv(**env_kwargs), POINT_DIR_TASKS
-    return _with_tasks(env, PointDirEnv.set_task, family, split, tasks, draw, observe, task_space)
+    return _make(PointDirEnv, PointDirEnv.set_task, POINT_DIR_TASKS, **kwargs)
 
 
-def make_sparse_point_goal(
-    *,
-    n_episodes: int = 3,
-    split: Split = "train",
-    tasks: Any = None,
-    draw: Draw = "random",
-    observe: Observe = "transition",
-    task_space: Box | None = None,
-    **env_kwargs: Any,
-) -> gym.Env[Any, Any]:
+def make_sparse_point_goal(*, n_episodes: int = 3, **kwargs: Any) -> gym.Env[Any, Any]:
     """Trials of the point that should find a hidden goal; a task is ``(2,)``, the goal's position.
 
     The environment itself truncates an inner episode: rebuilding from a spec would take a TimeLimit for the trial's.
     """
-    env, family = Trial(SparsePointGoalEnv(**env_kwargs), n_episodes), SPARSE_POINT_GOAL_TASKS
-    return _with_tasks(env, SparsePointGoalEnv.set_task, family, split, tasks, draw, observe, task_space)
+
+    def make_trial(**env_kwargs: Any) -> gym.Env[Any, Any]:
+        return Trial(SparsePointGoalEnv(**env_kwargs), n_episodes)
+
+    return _make(make_trial, SparsePointGoalEnv.set_task, SPARSE_POINT_GOAL_TASKS, **kwargs)
 
 
-def _with_tasks(
-    env: gym.Env[Any, Any],
+def _make(
+    make_env: Callable[..., gym.Env[Any, Any]],
     set_task: Callable[[Any, Any], None],
     family: TaskSet,
-    split: Split,
-    tasks: Any,
-    draw: Draw,
-    observe: Observe,
-    task_space: Box | None,
+    *,
+    split: Split = "train",
+    tasks: Any = None,
+    draw: Draw = "random",
+    observe: Observe = "transition",
+    task_space: Box | None = None,
+    **env_kwargs: Any,
 ) -> gym.Env[Any, Any]:
-    """``env`` in MetaTask, in the observation wrapper that ``observe`` names."""
+    """The environment in MetaTask, in the observation wrapper that ``observe`` names."""
     if observe not in get_args(Observe):
         raise ValueError(f"observe={observe!r} is unknown: use 'transition', 'task' or 'plain'.")
     meta = MetaTask(
-        env,
+        make_env(**env_kwargs),
         set_task,
         family if tasks is None else tasks,
         split=split,
