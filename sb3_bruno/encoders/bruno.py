@@ -2,9 +2,9 @@
 
     y = (r, s', eps), x = (s, a), z = flow(y | x), theta ~ N(0, rho), z_i | theta ~ N(theta, v - rho)
 
-or, where the reward alone is modelled, y = (r, eps) and x = (s, a, s'); or with a Student-t process for the Gaussian;
+or, where the reward alone is modelled, y = (r, eps) and x = (s, a, s'); or with a Student-t process for the Gaussian,
 
-so the transitions seen so far give an exact Gaussian belief over theta, whatever their order.
+so the transitions seen so far give an exact belief over theta, Gaussian or Student-t, whatever their order.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from sb3_bruno.interquartile import interquartile_mean
-from sb3_bruno.plotting import Band, plot_bands
+from sb3_bruno.plotting import Band, plot_bands, task_title
 from sb3_bruno.record import Record
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.parser import command_parser
@@ -58,7 +58,7 @@ def report(arguments: list[str]) -> None:
 def by_method(methods: Methods) -> list[str]:
     """The interquartile mean over seeds of the mean return over the tasks; the lowest episode of all beside it."""
     measures = _measures(methods)
-    parts = next(iter(_all(methods))).parts()
+    parts = _all(methods)[0].parts()
     columns = [_column(one) for one in measures] + [f"{_column(measures[-1])}, {part}" for part in parts]
     lines = _header(["method", "seeds", "env steps", *columns, "lowest episode", "steps to 90 %", "wall minutes"])
     for name, runs in methods.items():
@@ -90,7 +90,7 @@ def by_run(methods: Methods) -> list[str]:
 
 def provenance(methods: Methods) -> list[str]:
     """What the numbers are, and the versions that made them."""
-    versions = next(iter(_all(methods))).about["versions"]
+    versions = _all(methods)[0].about["versions"]
     names = ("python", "torch", "stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "zuko")
     return [
         "Final test: deterministic, mean over the test tasks; by method the interquartile mean over seeds of that, "
@@ -133,15 +133,15 @@ def _band(means: pd.DataFrame) -> Band:
 
 def _few_tasks(methods: Methods) -> Sequence[str]:
     """The tasks, if they are few enough for a panel and a column each."""
-    rewards = next(iter(_all(methods))).rewards
+    rewards = _all(methods)[0].rewards
     tasks: list[str] = rewards["task"].unique().tolist()
     return [] if tasks == ["all"] else tasks
 
 
 def _title(task: str, methods: Methods) -> str:
     if task:
-        return f"task {task.replace('_', ', ')}"
-    return f"{next(iter(_all(methods))).episodes['task'].nunique()} tasks"
+        return task_title(np.array(task.split("_"), dtype=np.float64))
+    return f"{_all(methods)[0].episodes['task'].nunique()} tasks"
 
 
 def _folder_name(method: str) -> str:
