@@ -54,7 +54,7 @@ def train(arguments: Arguments) -> None:
         "--checkpoint-freq", type=int, default=25_000, metavar="N", help="env steps between checkpoints, 0: none"
     )
     own, rest = _parse(parser, arguments, rl_zoo3.train.train)
-    TaskExperiment.folder, TaskExperiment.has_started = own.resume, False
+    TaskExperiment.folder = own.resume
     if own.resume is not None:
         own, rest = parser.parse_known_args(_command_of(own.resume))
     for needed in ("wandb", "tensorboard") if "--track" in rest else ():
@@ -128,6 +128,7 @@ def _with_defaults(arguments: Arguments, defaults: dict[str, str]) -> Arguments:
 def _call(upstream: Callable[[], None], name: str, arguments: Arguments) -> None:
     """Call a function that reads ``sys.argv``; what it raises before an agent learns is the user's to mend."""
     sys.argv = [f"sb3-bruno {name}", *arguments]
+    TaskExperiment.has_started = False
     try:
         upstream()
     except (ValueError, AssertionError, OSError, ImportError, NameError, SyntaxError) as error:
