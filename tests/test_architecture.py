@@ -37,6 +37,7 @@ FLOORS = [
     {"diagnostics_callback"},
     {"quickstart", "record"},
     {"zoo.mistake", "zoo.parser", "zoo.registry"},
+    {"zoo.origin"},
     {"zoo.trained"},
     {"zoo.evaluate", "zoo.report", "zoo.experiment", "zoo.sampler"},
     {"zoo.sweep"},

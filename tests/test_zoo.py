@@ -1,5 +1,6 @@
 """Our configs and our command line, as a user of RL Zoo meets them."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from sb3_bruno.eval_callback import load_learning_curve
 from sb3_bruno.video import record_tasks
 from sb3_bruno.zoo.cli import COMMANDS, main
 from sb3_bruno.zoo.experiment import TaskExperiment
+from sb3_bruno.zoo.origin import ORIGIN, trained_at
 from sb3_bruno.zoo.registry import ALGORITHMS, config_file, configs_folder
 from sb3_bruno.zoo.trained import training_seconds
 from sb3_bruno_envs import CHEETAH_VEL_TASKS, POINT_DIR_TASKS
@@ -179,6 +181,10 @@ def test_a_killed_run_is_resumed_exactly(run, tmp_path):
     printed, mistake = run("train", "--resume", parts)
     assert mistake == "" and "of 2,000 env steps" in printed
     assert TaskExperiment.checkpoint_freq == 160
+    origins = [json.loads((folder / ORIGIN).read_text()) for folder in (whole, parts)]
+    assert origins[0]["command"] == origins[1]["command"]
+    assert [len(origin["versions"]) for origin in origins] == [1, 2]
+    assert trained_at(whole) == trained_at(parts) and len(trained_at(parts)) == 1
     one, two = (BrunoSAC.load(folder / "PointDir-v0.zip") for folder in (whole, parts))
     for name, value in one.policy.state_dict().items():
         assert th.equal(value, two.policy.state_dict()[name]), name

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import json
 import runpy
 import sys
 from collections.abc import Callable
@@ -15,8 +14,9 @@ import rl_zoo3.train
 
 from sb3_bruno.denormals import flushed_denormals
 from sb3_bruno.zoo.evaluate import diagnose, evaluate, plot
-from sb3_bruno.zoo.experiment import CHECKPOINT, COMMAND, TaskExperiment
+from sb3_bruno.zoo.experiment import CHECKPOINT, TaskExperiment
 from sb3_bruno.zoo.mistake import Mistake
+from sb3_bruno.zoo.origin import ORIGIN, load_command
 from sb3_bruno.zoo.parser import command_parser
 from sb3_bruno.zoo.registry import register
 from sb3_bruno.zoo.report import report
@@ -139,8 +139,7 @@ def _call(upstream: Callable[[], None], name: str, arguments: Arguments) -> None
 
 def _command_of(folder: Path) -> Arguments:
     """The command that started the run in ``folder``, its seed and its folder included."""
-    missing = [name for name in (CHECKPOINT, COMMAND) if not (folder / name).is_file()]
+    missing = [name for name in (CHECKPOINT, ORIGIN) if not (folder / name).is_file()]
     if missing:
         raise Mistake(f"--resume {folder}: no {missing[0]} there, so there is nothing to go on from")
-    command: Arguments = json.loads((folder / COMMAND).read_text(encoding="utf-8"))
-    return command
+    return load_command(folder)

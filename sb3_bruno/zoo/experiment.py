@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
 from pathlib import Path
@@ -20,9 +19,10 @@ from stable_baselines3.common.vec_env import VecEnv
 from sb3_bruno.eval_callback import TaskEvalCallback
 from sb3_bruno.resume import ResumeCallback, resume
 from sb3_bruno.zoo.mistake import Mistake
+from sb3_bruno.zoo.origin import save_origin
 from sb3_bruno.zoo.registry import config_file
 
-CHECKPOINT, COMMAND = "checkpoint.pkl", "sb3_bruno_command.json"
+CHECKPOINT = "checkpoint.pkl"
 ENCODER_ARGUMENTS = {"encoder_class", "encoder_kwargs", "critic_input"}
 
 
@@ -70,7 +70,7 @@ class TaskExperiment(ExperimentManager):
         model, saved_hyperparams = results
         chosen = ["--seed", str(self.seed), "--checkpoint-freq", str(self.checkpoint_freq)]
         command = [*sys.argv[1:], *chosen]  # of a flag that is given twice the last one counts
-        (Path(self.save_path) / COMMAND).write_text(json.dumps(command) + "\n", encoding="utf-8")
+        save_origin(Path(self.save_path), command)
         if self.folder is not None:
             assert model.env is not None  # for mypy
             model = resume(self.folder / CHECKPOINT, model.env, self.device)

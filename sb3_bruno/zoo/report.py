@@ -77,14 +77,16 @@ def by_method(methods: Methods) -> list[str]:
 
 
 def by_run(methods: Methods) -> list[str]:
-    """One row per seed: the mean return of the final test, its lowest episode, and the commit that made it."""
+    """One row per seed: the mean return of the final test, its lowest episode, and the commits of training and test."""
     measures = _measures(methods)
-    lines = _header(["run", "seed", *map(_column, measures), "lowest episode", "commit"])
+    lines = _header(["run", "seed", *map(_column, measures), "lowest episode", "trained at", "tested at"])
     for name, runs in methods.items():
         for run in runs:
             means = [f"{run.episodes[measure].mean():.1f}" for measure in measures]
-            lowest, commit = f"{run.episodes[measures[-1]].min():.1f}", run.about["versions"].get("commit", "?")[:7]
-            lines.append(_row([name, str(_config(run)["seed"]), *means, lowest, commit]))
+            lowest = f"{run.episodes[measures[-1]].min():.1f}"
+            trained = " ".join(map(_short, _config(run).get("trained_at", []))) or "?"
+            tested = _short(run.about["versions"].get("commit", "?"))
+            lines.append(_row([name, str(_config(run)["seed"]), *means, lowest, trained, tested]))
     return lines
 
 
@@ -169,6 +171,11 @@ def _measures(methods: Methods) -> list[str]:
     if not measures:
         raise Mistake("the runs were tested over different numbers of steps: evaluate all with the same --steps")
     return measures
+
+
+def _short(commit: str) -> str:
+    """As git shortens it; a clone with changes keeps its mark."""
+    return commit[:7] + ("-dirty" if commit.endswith("-dirty") else "")
 
 
 def _column(measure: str) -> str:

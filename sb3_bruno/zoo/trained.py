@@ -22,6 +22,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_bruno.zoo.mistake import Mistake
+from sb3_bruno.zoo.origin import trained_at
 
 
 class TrainedAgent(NamedTuple):
@@ -87,6 +88,7 @@ def load_trained(options: argparse.Namespace) -> TrainedAgent:
         "env_steps": model.num_timesteps,
         "seed": model.seed,
         "wall_seconds": training_seconds(Path(folder)),
+        "trained_at": trained_at(Path(folder)),
         "inside_train_box": inside.tolist(),
         "n_inner_episodes": n_inner,
     }
