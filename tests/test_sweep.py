@@ -21,6 +21,7 @@ from sb3_bruno.zoo.sampler import NETS, convert_bruno, register_samplers, sample
 from sb3_bruno.zoo.sweep import (
     GIVEN_BACK,
     OWNER,
+    SETTINGS,
     SurplusTrial,
     SweepExperiment,
     give_back_surplus,
@@ -110,6 +111,24 @@ def test_two_workers_one_killed_and_every_trial_is_accounted_for(storage, tmp_pa
     main(["sweep", "best", "--storage", storage, "--study-name", name])
     main(["train", "--env", "PointDir-v0", "-conf", "best.yml", "-n", "120", "--eval-freq", "-1"])
     assert (tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip").is_file()
+
+
+def test_no_trial_is_pruned_in_its_first_third(tmp_path):
+    storage = str(tmp_path / "sweep.log")
+    study = optuna.create_study(study_name="third", storage=open_storage(storage), direction="maximize")
+    study.set_user_attr(SETTINGS, {**settings(), "n_evaluations": 6})
+    study = load_study(storage, "third")
+    for _ in range(2):
+        good = study.ask()
+        for evaluation in range(1, 7):
+            good.report(1.0, evaluation)
+        study.tell(good, 1.0)
+    bad = study.ask()
+    pruned = []
+    for evaluation in range(1, 4):
+        bad.report(0.0, evaluation)
+        pruned.append(bad.should_prune())
+    assert pruned == [False, False, True]
 
 
 def wait_for_a_trial_of(pid, study):

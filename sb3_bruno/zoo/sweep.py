@@ -72,9 +72,8 @@ def load_study(storage: str, name: str) -> optuna.Study:
         raise Mistake(f"no study {name} in {storage}: make it with sb3-bruno sweep init") from error
     settings = study.user_attrs[SETTINGS]
     study.sampler = optuna.samplers.TPESampler(n_startup_trials=settings["n_startup_trials"])
-    study.pruner = optuna.pruners.MedianPruner(
-        n_startup_trials=settings["n_startup_trials"], n_warmup_steps=settings["n_evaluations"] // 3
-    )
+    first_third = settings["n_evaluations"] // 3  # of a trial, in which little is learned yet: none is pruned there
+    study.pruner = optuna.pruners.MedianPruner(settings["n_startup_trials"], n_warmup_steps=first_third + 1)
     return study
 
 
