@@ -141,6 +141,10 @@ class ExchangeableGaussian(nn.Module):
         mean = gain * statistics.total
         return mean, (gain * self.noise_var).expand_as(mean)
 
+    def posterior_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
+        """Mean and variance of theta | z_1..z_n, without the rest of the distribution. Shape (..., dim) each."""
+        return self.theta_moments(statistics)
+
     def posterior(self, statistics: Statistics) -> Distribution:
         """p(theta | z_1..z_n) = N(mu_n, var_n). Batch (..., dim)."""
         mean, var = self.theta_moments(statistics)

@@ -87,6 +87,12 @@ class ExchangeableStudentT(ExchangeableGaussian):
         df, q = self._posterior_scale(statistics)
         return StudentTWithVariance(df.expand_as(mean), mean, (q / df * var).sqrt(), validate_args=False)
 
+    def posterior_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
+        """mu_n and r_n var_n, r_n = E[s | z] = q_n / (nu_n - 2). Shape (..., dim) each."""
+        mean, var = self.theta_moments(statistics)
+        df, q = self._posterior_scale(statistics)
+        return mean, q / (df - 2) * var
+
     def posterior(self, statistics: Statistics) -> Distribution:
         """p(theta | z_1..z_n) of each dimension: mean mu_n, variance r_n var_n. Batch (..., dim)."""
         return self._marginal(statistics, *self.theta_moments(statistics))

@@ -46,7 +46,7 @@ def test_belief_does_not_depend_on_the_order(modelled, process):
 
 
 def test_belief_is_the_conditional_of_a_dense_gaussian_over_theta_and_latents():
-    encoder, transitions = encoder_of(), transitions_of(12)
+    encoder, transitions = encoder_of(process="gaussian"), transitions_of(12)
     noise = encoder.draw_noise((12,))
     z = encoder.latents(transitions, noise)
     posterior = encoder.posterior(last(encoder.prefixes(transitions, noise)))
@@ -131,7 +131,8 @@ def test_only_what_is_modelled_enters_the_belief():
 
 def test_bound_without_noise_is_eq_4_by_a_dense_gaussian(monkeypatch):
     """log p(y_t | x_t, tau_1:k) by conditioning the joint of theta-free latents, k fixed at 3 of 8."""
-    encoder, transitions = encoder_of(extra_dims=0), transitions_of(2, 8)
+    encoder = encoder_of(extra_dims=0, process="gaussian", objective="paper")
+    transitions = transitions_of(2, 8)
     monkeypatch.setattr(th, "randint", lambda *args: th.tensor(3))
     bound = encoder.bound(transitions).item()
     z, log_det = encoder.latents_and_log_det(transitions, encoder.draw_noise((2, 8)))
@@ -178,7 +179,7 @@ def test_bound_holds_and_is_tight_where_noise_is_left_alone(monkeypatch):
         def forward(self, y, x):
             return super().forward(y, x)._replace(z=y, log_det=y[..., 0] * 0)
 
-    encoder, transitions = encoder_of(), transitions_of(400, 40)
+    encoder, transitions = encoder_of(process="gaussian"), transitions_of(400, 40)
     encoder.flow.__class__ = Copy
     with th.no_grad():
         encoder.process.correlation_logit.fill_(-30.0)  # standard normal latents, nothing to infer
@@ -228,9 +229,9 @@ def test_context_is_the_papers_for_a_hundred_transitions(monkeypatch):
     asked = []
     real = th.randint
     monkeypatch.setattr(th, "randint", lambda low, high, size: asked.append((low, high)) or real(low, high, size))
-    encoder_of().bound(transitions_of(2, 100))
-    encoder_of().bound(transitions_of(2, 50))
-    encoder_of().bound(transitions_of(2, 1))
+    encoder = encoder_of(objective="paper")
+    for time in (100, 50, 1):
+        encoder.bound(transitions_of(2, time))
     assert asked == [(25, 75), (12, 37), (1, 2)]
 
 
@@ -285,7 +286,7 @@ def test_outcomes_have_the_density_of_the_predictive(modelled, process):
 
 
 def test_dense_joint_of_a_whole_history_agrees_with_the_evidence():
-    encoder, transitions = encoder_of(extra_dims=0), transitions_of(6)
+    encoder, transitions = encoder_of(extra_dims=0, process="gaussian"), transitions_of(6)
     z, log_det = encoder.latents_and_log_det(transitions, encoder.draw_noise((6,)))
     var, cov = encoder.process.var.item(), encoder.process.cov.item()
     dense = MultivariateNormal(

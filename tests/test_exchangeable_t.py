@@ -81,6 +81,15 @@ def test_posterior_is_a_ratio_of_dense_densities(var, correlation, df, n, seed):
         assert found == pytest.approx(truth, rel=1e-7, abs=1e-8)
 
 
+@pytest.mark.parametrize("shared_scale", [False, True])
+def test_moments_are_those_of_the_posterior(shared_scale):
+    process = process_of(2.0, 0.3, 5.0, shared_scale)
+    statistics = process.prefixes(draw(0, 9, DIM))
+    posterior, (mean, var) = process.posterior(statistics), process.posterior_moments(statistics)
+    th.testing.assert_close(mean, posterior.mean)
+    th.testing.assert_close(var, posterior.variance)
+
+
 def test_a_shared_scale_is_learned_from_all_dimensions():
     """r_n = (nu - 2 + beta) / (nu + n D - 2) on the Gaussian's variance, beta summed over the dimensions."""
     process, z = process_of(1.0, 0.3, 5.0, True), 3 * draw(0, 7, DIM)

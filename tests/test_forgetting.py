@@ -12,7 +12,7 @@ class Bare(BrunoEncoder):
     """The rewards are the latents: z = r."""
 
     def __init__(self):
-        super().__init__(1, 1, extra_dims=0)
+        super().__init__(1, 1, extra_dims=0, process="gaussian")
         with th.no_grad():
             self.process.correlation_logit.fill_(3.0)  # v = 1, theta has a variance of 0.95
 

@@ -101,19 +101,20 @@ def test_training_waits_for_no_number_and_sends_little(ours, theirs):
         n_encodes = -(-gradient_steps // 4)  # 16 x 64 transitions are four batches of 256
         recall = 3  # transitions of the running episodes, which count, and how long these are
         # transitions, tasks and the rest of an encode; the places of a sample; the sequences of an encoder update
-        assert up == 3 * n_encodes + gradient_steps + gradient_steps + recall
-        assert up <= up_plain + (3 if gradient_steps == 1 else 0)
+        log = 1  # a constant that torch sends with a Student-t distribution, that of the belief in the log
+        assert up == 3 * n_encodes + gradient_steps + gradient_steps + recall + log
+        assert up <= up_plain + (4 if gradient_steps == 1 else 0)
 
 
-@pytest.mark.parametrize("process", ["student_t", "shared_student_t"])
-def test_a_student_t_belief_waits_for_no_number_either(process):
+@pytest.mark.parametrize("process", ["gaussian", "shared_student_t"])
+def test_so_it_is_with_every_process(process):
     model, plain = make(BrunoSAC, encoder_kwargs={"process": process}), make(SAC)
     for one in (model, plain):
         one.train(3, 256)
     counts = [crossings(lambda one=one: one.train(8, 256)) for one in (model, plain)]
     assert counts[0][1] == counts[1][1] and counts[0][0] <= counts[1][0]
     observation = model.get_env().reset()
-    assert crossings(lambda: model.predict(observation)) == (2, 2)  # torch sends a constant of its chi-squared too
+    assert crossings(lambda: model.predict(observation)) == (1, 2)
 
 
 @pytest.mark.parametrize(("ours", "theirs"), PAIRS, ids=lambda one: one.__name__)

@@ -56,10 +56,10 @@ class BrunoEncoder(TaskEncoder):
         ``sb3_bruno.flow.FLOWS``: ``"paper_maf"``, or ``"reflected_maf"`` where what speaks for a task at one x speaks
         against it at another (a direction: the reward's sign turns with the velocity's)
     :param flow_kwargs: further arguments of ``flow_class``
-    :param process: the process in the latent space: ``"gaussian"``, or ``"student_t"`` where the belief's variance
-        should depend on the data; ``"shared_student_t"`` has one scale for all latent dimensions
+    :param process: the process in the latent space: ``"gaussian"`` as in the paper, or ``"student_t"``, whose belief
+        has a variance that depends on the data; ``"shared_student_t"`` has one scale for all latent dimensions
     :param objective: which transitions of a sequence are scored given which: ``"paper"``, ``"holdout"`` or
-        ``"prequential"``, see ``bound``
+        ``"prequential"``, see ``bound``. What the defaults of both are worth: ``docs/method.md``
     :param belief: what actor and critics see of the posterior: ``"mean_var"`` or ``"mean"``
     :raises ValueError: if ``modelled``, ``process``, ``objective`` or ``belief`` is none of the above, or
         ``extra_dims`` is negative
@@ -75,8 +75,8 @@ class BrunoEncoder(TaskEncoder):
         extra_dims: int | None = None,
         flow_class: str | Callable[..., Flow] = "paper_maf",
         flow_kwargs: dict[str, Any] | None = None,
-        process: str = "gaussian",
-        objective: Objective = "paper",
+        process: str = "student_t",
+        objective: Objective = "prequential",
         belief: Literal["mean_var", "mean"] = "mean_var",
     ) -> None:
         super().__init__()
@@ -156,8 +156,8 @@ class BrunoEncoder(TaskEncoder):
         return self.process.posterior(LatentStatistics(*statistics))
 
     def belief(self, statistics: Statistics) -> Tensor:
-        theta = self.posterior(statistics)
-        return theta.mean if self._belief == "mean" else th.cat([theta.mean, theta.variance], dim=-1)
+        mean, var = self.process.posterior_moments(LatentStatistics(*statistics))
+        return mean if self._belief == "mean" else th.cat([mean, var], dim=-1)
 
     def log_bayes_factor(self, statistics: Statistics, transitions: Transitions) -> Tensor:
         z = self.latents(transitions)  # both densities have the same log-determinant
