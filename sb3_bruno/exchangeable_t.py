@@ -8,16 +8,32 @@ so the variance of a belief depends on the data and not on their number alone.
 from __future__ import annotations
 
 import math
+from functools import cached_property
+from typing import Any
 
 import torch as th
 from torch import Tensor, nn
-from torch.distributions import Distribution, Gamma, StudentT
+from torch.distributions import Chi2, Distribution, Gamma, StudentT
 
 from sb3_bruno.exchangeable import Distance, ExchangeableGaussian, Statistics
 
 
 class StudentTWithVariance(StudentT):
-    """A Student-t of more than two degrees of freedom: torch looks for those of fewer, and a GPU waits meanwhile."""
+    """A Student-t of more than two degrees of freedom, which keeps no GPU waiting.
+
+    Torch's looks for those of fewer, and prepares its draws where none may be made.
+    """
+
+    def __init__(self, df: Tensor, loc: Tensor, scale: Tensor) -> None:
+        self.df, self.loc, self.scale = th.broadcast_tensors(df, loc, scale)
+        Distribution.__init__(self, self.df.shape, validate_args=False)
+
+    @cached_property
+    def _chi2(self) -> Chi2:  # type: ignore[override]  # torch has an attribute
+        return Chi2(self.df)
+
+    def expand(self, batch_shape: Any, _instance: Any = None) -> StudentTWithVariance:
+        return StudentTWithVariance(*(one.expand(batch_shape) for one in (self.df, self.loc, self.scale)))
 
     @property
     def mean(self) -> Tensor:
@@ -85,7 +101,7 @@ class ExchangeableStudentT(ExchangeableGaussian):
     def _marginal(self, statistics: Statistics, mean: Tensor, var: Tensor) -> Distribution:
         """Student-t with nu_n degrees of freedom and variance r_n var, r_n = E[s | z] = q_n / (nu_n - 2)."""
         df, q = self._posterior_scale(statistics)
-        return StudentTWithVariance(df.expand_as(mean), mean, (q / df * var).sqrt(), validate_args=False)
+        return StudentTWithVariance(df, mean, (q / df * var).sqrt())
 
     def posterior_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
         """mu_n and r_n var_n, r_n = E[s | z] = q_n / (nu_n - 2). Shape (..., dim) each."""

@@ -88,6 +88,8 @@ def test_moments_are_those_of_the_posterior(shared_scale):
     posterior, (mean, var) = process.posterior(statistics), process.posterior_moments(statistics)
     th.testing.assert_close(mean, posterior.mean)
     th.testing.assert_close(var, posterior.variance)
+    wide = posterior.expand((3, *posterior.batch_shape))
+    assert wide.sample((2,)).shape == (2, 3, 10, DIM) and wide.variance.shape == (3, 10, DIM)
 
 
 def test_a_shared_scale_is_learned_from_all_dimensions():
