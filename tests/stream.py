@@ -1,4 +1,4 @@
-"""A task buffer filled with observation = number of the transition, so that a wrong row shows; an encoder that counts."""
+"""A task buffer filled with observation = number of the transition, so that a wrong row shows; its encoder counts."""
 
 import numpy as np
 import torch as th
