@@ -87,7 +87,7 @@ def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monk
         main()
 
     report(
-        run_folder(tmp_path / "a", 1, wall_seconds=120, trained_at=["1234567890", "fedcba9876-dirty"]),
+        run_folder(tmp_path / "a", 1, split="train", wall_seconds=120, trained_at=["1234567890", "fedcba9876-dirty"]),
         run_folder(tmp_path / "b", 5),
     )
     report(run_folder(tmp_path / "c", 3, "sac", conf="oracle"))
@@ -95,6 +95,7 @@ def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monk
     assert page.strip() in capsys.readouterr().out
     assert "| bruno_sac | 2 | 400 |" in page and "| sac (oracle) | 1 | 400 |" in page
     assert "| bruno_sac | 5 |" in page and "2 / ?" in page and "| 1234567 fedcba9-dirty | abcdef0 |" in page
+    assert "mean over the test and train tasks" in page
     assert "| ? | abcdef0 |" in page, "where it is not known"
     for name in ("learning_curves.png", "adaptation.png"):
         assert (tmp_path / "page" / name).stat().st_size > 10_000

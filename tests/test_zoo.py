@@ -137,8 +137,9 @@ def test_evaluate_tests_on_the_split_asked_for(run, tmp_path):
     assert run(*tiny("--eval-freq", -1, env="CheetahVel-v0", steps=20))[1] == ""
     for flags, split in (([], "test"), (["--split", "test"], "test"), (["--split", "train"], "train")):
         run("evaluate", "--env", "CheetahVel-v0", "--episodes", 1, "--steps", 1, "--out", tmp_path, *flags)
-        tasks = AdaptationResult.load(tmp_path / "adaptation.json").tasks
-        np.testing.assert_array_equal(tasks, CHEETAH_VEL_TASKS.tasks(split))
+        found = AdaptationResult.load(tmp_path / "adaptation.json")
+        np.testing.assert_array_equal(found.tasks, CHEETAH_VEL_TASKS.tasks(split))
+        assert found.config["split"] == split
 
 
 def test_a_video_draws_the_belief_under_each_task(tmp_path):

@@ -93,9 +93,10 @@ def by_run(methods: Methods) -> list[str]:
 def provenance(methods: Methods) -> list[str]:
     """What the numbers are, and the versions that made them."""
     versions = _all(methods)[0].about["versions"]
+    splits = " and ".join(sorted({_config(run).get("split", "test") for run in _all(methods)}))
     names = ("python", "torch", "stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "zuko")
     return [
-        "Final test: deterministic, mean over the test tasks; by method the interquartile mean over seeds of that, "
+        f"Final test: deterministic, mean over the {splits} tasks; by method the interquartile mean over seeds of that, "
         "with the 95 % interval of the bootstrap over seeds.",
         "Versions: " + ", ".join(f"{name} {versions[name]}" for name in names if name in versions) + ".",
     ]

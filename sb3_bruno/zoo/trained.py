@@ -85,6 +85,7 @@ def load_trained(options: argparse.Namespace) -> TrainedAgent:
         "algo": options.algo,
         **_given(params),
         "env": env_name.gym_id,
+        "split": options.split,
         "env_steps": model.num_timesteps,
         "seed": model.seed,
         "wall_seconds": training_seconds(Path(folder)),
