@@ -93,11 +93,12 @@ def by_run(methods: Methods) -> list[str]:
 def provenance(methods: Methods) -> list[str]:
     """What the numbers are, and the versions that made them."""
     versions = _all(methods)[0].about["versions"]
-    splits = " and ".join(sorted({_config(run).get("split", "test") for run in _all(methods)}))
+    splits = sorted({_config(run)["split"] for run in _all(methods) if "split" in _config(run)})
+    tasks = " and ".join(splits) + " tasks" if splits else "tasks"
     names = ("python", "torch", "stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "zuko")
     return [
-        f"Final test: deterministic, mean over the {splits} tasks; by method the interquartile mean over seeds of that, "
-        "with the 95 % interval of the bootstrap over seeds.",
+        f"Final test: deterministic, mean over the {tasks}; by method the interquartile mean over seeds of that, with "
+        "the 95 % interval of the bootstrap over seeds.",
         "Versions: " + ", ".join(f"{name} {versions[name]}" for name in names if name in versions) + ".",
     ]
 
