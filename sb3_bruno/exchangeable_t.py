@@ -21,7 +21,7 @@ from sb3_bruno.exchangeable import Distance, ExchangeableGaussian, Statistics
 class StudentTWithVariance(StudentT):
     """A Student-t of more than two degrees of freedom, which keeps no GPU waiting.
 
-    Torch's looks for those of fewer, and prepares its draws where none may be made.
+    Torch's looks for those of fewer when asked for moments, and sends a constant for draws when it is made.
     """
 
     def __init__(self, df: Tensor, loc: Tensor, scale: Tensor) -> None:

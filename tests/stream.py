@@ -3,6 +3,7 @@
 import numpy as np
 import torch as th
 from gymnasium import spaces
+from stable_baselines3.common.utils import set_random_seed
 
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.encoders import TaskEncoder
@@ -48,7 +49,7 @@ class Stream:
     """Feeds a buffer numbered transitions: transition i goes from observation i to i + 0.5 with reward 10 i."""
 
     def __init__(self, n_envs=1, buffer_size=100, **kwargs):
-        np.random.seed(0)  # noqa: NPY002  # which seeds the buffer
+        set_random_seed(0)
         self.buffer = TaskReplayBuffer(buffer_size, SPACE, ACTIONS, "cpu", n_envs, **kwargs)
         self.buffer.set_encoder(Recorder(), LAYOUT)
         self.n_envs, self.count = n_envs, 0
