@@ -137,9 +137,10 @@ class ExchangeableGaussian(nn.Module):
 
         D_n is summed as (v - rho) + n rho, so that it stays positive at n = 0.
         """
-        gain = self.cov / (self.noise_var + statistics.n * self.cov)  # rho / D_n
+        cov, noise_var = self.cov, self.noise_var
+        gain = cov / (noise_var + statistics.n * cov)  # rho / D_n
         mean = gain * statistics.total
-        return mean, (gain * self.noise_var).expand_as(mean)
+        return mean, (gain * noise_var).expand_as(mean)
 
     def posterior_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
         """Mean and variance of theta | z_1..z_n, without the rest of the distribution. Shape (..., dim) each."""
@@ -170,8 +171,9 @@ class ExchangeableGaussian(nn.Module):
         Written as W / (v - rho) + S1^2 / (n D_n), both terms positive: the difference cancels in float32.
         """
         n, total, scatter = statistics
-        scale = self.noise_var + n * self.cov  # D_n
-        return scatter / self.noise_var + total.square() / (n.clamp(min=1) * scale)
+        noise_var = self.noise_var
+        scale = noise_var + n * self.cov  # D_n
+        return scatter / noise_var + total.square() / (n.clamp(min=1) * scale)
 
     def distance(self, statistics: Statistics) -> Distance:
         """beta_n of each dimension, with what it should be distributed as."""

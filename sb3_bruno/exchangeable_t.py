@@ -95,8 +95,9 @@ class ExchangeableStudentT(ExchangeableGaussian):
 
         D dimensions share a scale, and beta_n is summed over them.
         """
-        df = self.df + self._dims_per_scale * statistics.n
-        return df, self.df - 2 + self._sum(self.squared_mahalanobis(statistics))
+        df = self.df
+        q = df - 2 + self._sum(self.squared_mahalanobis(statistics))
+        return df + self._dims_per_scale * statistics.n, q
 
     def _marginal(self, statistics: Statistics, mean: Tensor, var: Tensor) -> Distribution:
         """Student-t with nu_n degrees of freedom and variance r_n var, r_n = E[s | z] = q_n / (nu_n - 2)."""
