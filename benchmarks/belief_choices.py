@@ -21,34 +21,21 @@ from typing import Any, get_args
 
 import numpy as np
 import torch as th
-from stable_baselines3.common.env_util import make_vec_env
+from encoder_alone import random_transitions, updates
 
-from sb3_bruno import BrunoEncoder, BrunoSAC, TaskReplayBuffer
+from sb3_bruno import BrunoEncoder, TaskReplayBuffer
 from sb3_bruno.encoders.bruno import PROCESSES, Objective
 from sb3_bruno.evaluation import library_versions
 
 CONTEXTS = (1, 10, 40)
 N_SEQUENCES = 400
-ENV = "sb3_bruno_envs:CheetahVel-v0"
-
-
-def random_transitions(n: int, seed: int, split: str) -> TaskReplayBuffer:
-    """So many transitions of random actions, ten envs."""
-    env = make_vec_env(ENV, 10, seed=seed, env_kwargs={"split": split})
-    kwargs = {"sequence_length": CONTEXTS[-1]}
-    model = BrunoSAC("MlpPolicy", env, seed=seed, learning_starts=n + 1, buffer_size=n, replay_buffer_kwargs=kwargs)
-    return model.learn(n).replay_buffer
 
 
 def train(choice: dict[str, Any], buffer: TaskReplayBuffer, n_updates: int, learning_rate: float) -> BrunoEncoder:
     """An encoder of the cheetah configs, but for ``choice``."""
     encoder = BrunoEncoder(17, 6, flow_class="reflected_maf", extra_dims=1, **choice)
-    optimizer = th.optim.Adam(encoder.parameters(), lr=learning_rate)
-    for _ in range(n_updates):
-        bound = encoder.bound(buffer.sample_sequences(8))
-        optimizer.zero_grad()
-        (-bound).backward()
-        optimizer.step()
+    for _ in updates(encoder, buffer, n_updates, 8, learning_rate):
+        pass
     return encoder.eval()
 
 
@@ -86,7 +73,10 @@ def main() -> None:
     ]
     print("\n".join(lines), flush=True)
     data = {
-        seed: tuple(random_transitions(options.transitions, seed, split) for split in ("train", "test"))
+        seed: tuple(
+            random_transitions("CheetahVel-v0", options.transitions, seed, CONTEXTS[-1], split=split)
+            for split in ("train", "test")
+        )
         for seed in options.seeds
     }
     runs = []

@@ -14,19 +14,12 @@ import argparse
 
 import numpy as np
 import torch as th
-from stable_baselines3.common.env_util import make_vec_env
+from encoder_alone import random_transitions, updates
 
-from sb3_bruno import BrunoEncoder, BrunoSAC, TaskReplayBuffer
+from sb3_bruno import BrunoEncoder, TaskReplayBuffer
 from sb3_bruno.flow import FLOWS
 
 CONTEXTS = (1, 3, 10, 40)
-
-
-def random_transitions(n: int, seed: int) -> TaskReplayBuffer:
-    """So many transitions of random actions, ten envs."""
-    env = make_vec_env("sb3_bruno_envs:CheetahDir-v0", 10, seed=seed)
-    model = BrunoSAC("MlpPolicy", env, seed=seed, learning_starts=n + 1, buffer_size=n).learn(n)
-    return model.replay_buffer
 
 
 def accuracy(encoder: BrunoEncoder, buffer: TaskReplayBuffer) -> list[float]:
@@ -57,7 +50,10 @@ def main() -> None:
     parser.add_argument("--learning-rate", type=float, default=2e-3)
     options = parser.parse_args()
     th.set_num_threads(1)
-    buffer, others = (random_transitions(options.transitions, options.seed + plus) for plus in (0, 1_000))
+    buffer, others = (
+        random_transitions("CheetahDir-v0", options.transitions, options.seed + plus, sequence_length=64)
+        for plus in (0, 1_000)
+    )
     th.manual_seed(options.seed)
     encoder = BrunoEncoder(
         17,
@@ -65,16 +61,13 @@ def main() -> None:
         flow_class=options.flow,
         extra_dims=options.extra_dims,
         condition_on_next=options.condition_on_next,
+        process="gaussian",
+        objective="paper",
     )
-    optimizer = th.optim.Adam(encoder.parameters(), lr=options.learning_rate)
     print(f"{'updates':>8} {'nats':>6}  right after {CONTEXTS} transitions: trained on | others")
     bounds = []
-    for update in range(1, options.updates + 1):
-        bound = encoder.train().bound(buffer.sample_sequences(16))
-        optimizer.zero_grad()
-        (-bound).backward()
-        optimizer.step()
-        bounds.append(bound.item())
+    for update, bound in enumerate(updates(encoder, buffer, options.updates, 16, options.learning_rate), start=1):
+        bounds.append(bound)
         if update % options.every == 0:
             trained, other = (" ".join(f"{one:.2f}" for one in accuracy(encoder, data)) for data in (buffer, others))
             print(f"{update:>8} {np.mean(bounds[-100:]):>6.2f}  {trained} | {other}", flush=True)

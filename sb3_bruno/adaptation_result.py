@@ -16,6 +16,9 @@ from sb3_bruno.interquartile import Interval, interquartile_mean
 
 Floats = NDArray[np.float64]
 
+FEW_TASKS = 4
+"""As many tasks are shown each by itself, in figures, tables and videos; more are pooled."""
+
 
 def task_label(task: ArrayLike) -> str:
     """A short name for a task vector, fit for log keys: ``[0.5, -1.0]`` is ``"0.5_-1"``."""

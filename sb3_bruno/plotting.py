@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_bruno.adaptation_result import AdaptationResult, task_label
+from sb3_bruno.adaptation_result import FEW_TASKS, AdaptationResult, task_label
 from sb3_bruno.eval_callback import LearningCurve
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.floating[Any]]
 
-_MAX_PANELS = 4  # tasks that get a panel each; more are pooled in one
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito: for all eyes
 INK = "#404040"
 
@@ -53,7 +52,7 @@ def plot_adaptation(results: Mapping[str, AdaptationResult], path: str | Path) -
         raise ValueError("results is empty: give at least one AdaptationResult, by the name to show.")
     tasks = next(iter(results.values())).tasks
     shared = all(np.array_equal(result.tasks, tasks) for result in results.values())
-    pooled = not shared or len(tasks) > _MAX_PANELS
+    pooled = not shared or len(tasks) > FEW_TASKS
     panels: dict[str, dict[str, Band]] = {}
     for number, title in enumerate([_pooled_title(tasks)] if pooled else map(task_title, tasks)):
         rows = slice(None) if pooled else slice(number, number + 1)
@@ -88,7 +87,7 @@ def plot_learning_curves(
         raise ValueError("curves is empty, or a method in it: give at least one LearningCurve for each name.")
     every_task = [run.tasks.reshape(-1, run.tasks.shape[-1]) for runs in methods.values() for run in runs]
     tasks = np.unique(np.concatenate(every_task), axis=0)  # (n_tasks, task_dim)
-    pooled = len(tasks) > _MAX_PANELS
+    pooled = len(tasks) > FEW_TASKS
     several = max(len(runs) for runs in methods.values()) > 1
     panels: dict[str, dict[str, Band]] = {}
     levels: dict[str, float] = {}

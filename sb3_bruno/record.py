@@ -13,14 +13,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from sb3_bruno.adaptation_result import AdaptationResult, task_label
+from sb3_bruno.adaptation_result import FEW_TASKS, AdaptationResult, task_label
 from sb3_bruno.eval_callback import LearningCurve, load_learning_curve
 
 HORIZONS = (200, 1_000)
 """Steps after which the returns of the final test are kept, beside its own: the paper's for curves and for the test."""
 
 _ABOUT, _CURVE, _EPISODES, _REWARDS = "run.json", "learning_curve.csv", "episodes.csv", "rewards.csv"
-_MAX_TASKS = 4  # whose rewards are kept for each; of more, together
 
 
 class Record(NamedTuple):
@@ -88,7 +87,7 @@ class Record(NamedTuple):
     def parts(self) -> dict[str, list[str]]:
         """Tasks to tell apart, by name: each of a few; of many, those inside and outside the training tasks' box."""
         labels: list[str] = self.episodes["task"].unique().tolist()
-        if len(labels) <= _MAX_TASKS:
+        if len(labels) <= FEW_TASKS:
             return {label: [label] for label in labels}
         inside = self.about["config"].get("inside_train_box", [True])
         if all(inside):
@@ -125,7 +124,7 @@ def _episodes(result: AdaptationResult) -> pd.DataFrame:
 
 def _rewards(result: AdaptationResult) -> pd.DataFrame:
     n_tasks, _, horizon = result.rewards.shape
-    if n_tasks > _MAX_TASKS:
+    if n_tasks > FEW_TASKS:
         groups = {"all": result.rewards.reshape(-1, horizon)}
     else:
         groups = {task_label(task): rows for task, rows in zip(result.tasks, result.rewards, strict=True)}

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.vec_env import VecNormalize
 
-from sb3_bruno.adaptation_result import task_label
+from sb3_bruno.adaptation_result import FEW_TASKS, task_label
 from sb3_bruno.beliefs import TaskBelief
 from sb3_bruno.task_inference import TaskInference
 
-MAX_TASKS = 4
 Frames = list[NDArray[np.uint8]]
 
 
@@ -41,8 +40,8 @@ def record_tasks(
     from moviepy import ImageSequenceClip
 
     task_array = np.asarray(tasks, dtype=np.float32)
-    if not 1 <= len(task_array) <= MAX_TASKS:
-        raise ValueError(f"`tasks` holds {len(task_array)} tasks: give 1 to {MAX_TASKS}.")
+    if not 1 <= len(task_array) <= FEW_TASKS:
+        raise ValueError(f"`tasks` holds {len(task_array)} tasks: give 1 to {FEW_TASKS}.")
     envs = [make_env() for _ in task_array]
     fps = envs[0].metadata.get("render_fps", 30)
     episodes = [_episode(model, env, task, seed, vec_normalize) for env, task in zip(envs, task_array, strict=True)]

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from sb3_bruno.adaptation_result import FEW_TASKS
 from sb3_bruno.diagnostics import diagnose as measure
 from sb3_bruno.eval_callback import load_learning_curve
 from sb3_bruno.evaluation import evaluate_adaptation
 from sb3_bruno.plotting import plot_adaptation, plot_learning_curves
 from sb3_bruno.plotting_diagnostics import plot_diagnostics
 from sb3_bruno.task_inference import TaskInference
-from sb3_bruno.video import MAX_TASKS, record_tasks
+from sb3_bruno.video import record_tasks
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.parser import command_parser
 from sb3_bruno.zoo.trained import add_arguments, load_trained
@@ -52,7 +53,7 @@ def evaluate(arguments: list[str]) -> None:
     print(f"Saved {out / 'adaptation.json'} and {out / 'adaptation.png'}")
     if options.video:
         assert isinstance(agent.model, TaskInference)  # checked before the test
-        chosen = agent.tasks[np.linspace(0, len(agent.tasks) - 1, min(len(agent.tasks), MAX_TASKS)).astype(int)]
+        chosen = agent.tasks[np.linspace(0, len(agent.tasks) - 1, min(len(agent.tasks), FEW_TASKS)).astype(int)]
         shown = partial(agent.make_env, render_mode="rgb_array")
         video = out / "adaptation.mp4"
         record_tasks(agent.model, shown, chosen, video, seed=options.seed, vec_normalize=agent.vec_normalize)
