@@ -39,10 +39,14 @@ class Record(NamedTuple):
 
     @property
     def method(self) -> str:
-        """What the run is called in tables and figures: its algorithm, and what was chosen against its config."""
+        """What the run is called in tables and figures: its algorithm, and what was chosen against its config.
+
+        A test with actions drawn counts as such a choice.
+        """
         config = self.about["config"]
         chosen = [config["conf"]] if config.get("conf") else []
         chosen += [f"{name}={value}" for name, value in config.get("params", {}).items()]
+        chosen += [] if config.get("deterministic", True) else ["stochastic"]
         return f"{config['algo']} ({', '.join(chosen)})" if chosen else str(config["algo"])
 
     def save(self, folder: str | Path) -> None:

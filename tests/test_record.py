@@ -71,6 +71,8 @@ def test_a_method_is_called_by_what_was_chosen_against_its_config(tmp_path: Path
     about = {"conf": "oracle", "params": {"n_envs": 20}}
     assert Record.from_run(run_folder(tmp_path / "a", 1, "sac", **about)).method == "sac (oracle, n_envs=20)"
     assert Record.from_run(run_folder(tmp_path / "b", 1, params={}, conf=None)).method == "bruno_sac"
+    drawn = run_folder(tmp_path / "c", 1, params={}, conf=None, deterministic=False)
+    assert Record.from_run(drawn).method == "bruno_sac (stochastic)"
 
 
 def test_the_interval_holds_the_interquartile_mean() -> None:

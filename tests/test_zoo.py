@@ -142,6 +142,25 @@ def test_evaluate_tests_on_the_split_asked_for(run, tmp_path):
         assert found.config["split"] == split
 
 
+def test_evaluate_draws_actions_if_asked_to_the_same_for_a_seed(run, logs, tmp_path):
+    def tested(*flags):
+        run("evaluate", "--env", "PointDir-v0", "-f", logs, "--episodes", 1, "--steps", 5, "--out", tmp_path, *flags)
+        return AdaptationResult.load(tmp_path / "adaptation.json")
+
+    mode, drawn, again = tested(), tested("--stochastic"), tested("--stochastic")
+    assert (mode.config["deterministic"], drawn.config["deterministic"]) == (True, False)
+    np.testing.assert_array_equal(drawn.rewards, again.rewards)
+    assert (drawn.rewards != mode.rewards).any()
+
+
+def test_only_what_was_given_against_the_config_names_a_run(run, tmp_path):
+    config = yaml.safe_load((configs_folder() / "bruno_sac.yml").read_text())["PointDir-v0"]
+    assert run(*tiny(), f"gamma:{config['gamma']}", "tau:0.5")[1] == ""
+    run("evaluate", "--env", "PointDir-v0", "--episodes", 1, "--steps", 5, "--out", tmp_path)
+    given = AdaptationResult.load(tmp_path / "adaptation.json").config["params"]
+    assert given["tau"] == 0.5 and "gamma" not in given
+
+
 def test_a_video_draws_the_belief_under_each_task(tmp_path):
     model = BrunoSAC("MlpPolicy", "sb3_bruno_envs:PointDir-v0", seed=0)
     make_env = partial(gym.make, "PointDir-v0", render_mode="rgb_array")

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from stable_baselines3.common.utils import set_random_seed
 
 from sb3_bruno.adaptation_result import FEW_TASKS
 from sb3_bruno.diagnostics import diagnose as measure
@@ -27,20 +28,23 @@ def evaluate(arguments: list[str]) -> None:
     """
     parser = command_parser("evaluate", evaluate)
     add_arguments(parser)
+    parser.add_argument("--stochastic", action="store_true", help="draw actions, as an agent must that has to search")
     parser.add_argument("--video", action="store_true", help="also record up to four tasks, belief drawn under each")
     parser.add_argument("--out", type=Path, help="where adaptation.json and .png go (default: the run's folder)")
     options = parser.parse_args(arguments)
     agent = load_trained(options)
     if options.video and not isinstance(agent.model, TaskInference):
         raise Mistake(f"--video draws the belief, and {options.algo} has none: use record-video")
+    set_random_seed(options.seed)  # of the actions drawn
     result = evaluate_adaptation(
         agent.model,
         agent.make_env,
         agent.tasks,
         n_episodes=options.episodes,
+        deterministic=not options.stochastic,
         seed=options.seed,
         vec_normalize=agent.vec_normalize,
-        config=agent.config,
+        config={**agent.config, "deterministic": not options.stochastic},
     )
     out = options.out or agent.folder
     out.mkdir(parents=True, exist_ok=True)

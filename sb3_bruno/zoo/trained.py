@@ -23,6 +23,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.origin import trained_at
+from sb3_bruno.zoo.registry import config_file
 
 
 class TrainedAgent(NamedTuple):
@@ -83,7 +84,7 @@ def load_trained(options: argparse.Namespace) -> TrainedAgent:
     tasks, inside, n_inner = _tasks(make_env, options.split)
     config = {
         "algo": options.algo,
-        **_given(params),
+        **_given(params, options.algo, env_name.gym_id),
         "env": env_name.gym_id,
         "split": options.split,
         "env_steps": model.num_timesteps,
@@ -117,12 +118,18 @@ def _env_kwargs(params: Path) -> dict[str, Any]:
     return {**_hyperparams(params).get("env_kwargs", {}), **(_arguments(params)["env_kwargs"] or {})}
 
 
-def _given(params: Path) -> dict[str, Any]:
-    """What tells the run from others: the config that it chose, what went over it, and all hyperparameters."""
+def _given(params: Path, algo: str, env_id: str) -> dict[str, Any]:
+    """What tells the run from others: the config that it chose, what was given against it, and all hyperparameters.
+
+    Against our config as it is now: what a run tried and the config has since taken over tells nothing.
+    """
     arguments = _arguments(params)
+    given = dict(arguments["hyperparams"] or {})
+    path = None if arguments["conf_file"] else config_file(algo)
+    config = yaml.safe_load(Path(path).read_text(encoding="utf-8")).get(env_id, {}) if path else {}
     chosen = {
         "conf": arguments["conf_file"],
-        "params": dict(arguments["hyperparams"] or {}),
+        "params": {name: value for name, value in given.items() if name not in config or config[name] != value},
         "hyperparameters": dict(_hyperparams(params)),
     }
     as_json: dict[str, Any] = json.loads(json.dumps(chosen, default=str))
