@@ -29,7 +29,7 @@ INK = "#404040"
 class Band(NamedTuple):
     """A line and the range around it: ``x``, and the mean, lowest and highest value there, ``(n,)`` each."""
 
-    x: NDArray[np.int64]
+    x: NDArray[np.int64] | Floats
     mean: Floats
     low: Floats
     high: Floats

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sb3_bruno.adaptation_result import FEW_TASKS, AdaptationResult, task_label
 from sb3_bruno.eval_callback import LearningCurve, load_learning_curve
+from sb3_bruno.training_clock import TrainingClock
 
 HORIZONS = (200, 1_000)
 """Steps after which the returns of the final test are kept, beside its own: the paper's for curves and for the test."""
@@ -27,7 +28,8 @@ class Record(NamedTuple):
 
     Attributes:
         about: config (algo, env, env_steps, seed, ...), versions, and the steps to 90 % of each task's steady reward.
-        learning: the test return of every episode while training: timesteps, task, return.
+        learning: the test return of every episode while training: timesteps, seconds of training (NaN where no monitor
+            file tells), task, return.
         episodes: the final test: task, episode, the ``measures``.
         rewards: the final test: task (or "all"), step, and mean, lowest and highest reward over the episodes.
     """
@@ -76,7 +78,12 @@ class Record(NamedTuple):
         result = AdaptationResult.load(folder / "adaptation.json")
         steps = dict(zip(map(task_label, result.tasks), result.steps_to_steady().tolist(), strict=True))
         about = {"config": result.config, "versions": result.versions, "test_seed": result.seed, "steps_to_90": steps}
-        return cls(about, _learning(load_learning_curve(folder)), _episodes(result), _rewards(result))
+        return cls(
+            about,
+            _learning(load_learning_curve(folder), TrainingClock.of_run(folder)),
+            _episodes(result),
+            _rewards(result),
+        )
 
     @property
     def measures(self) -> list[str]:
@@ -100,11 +107,12 @@ class Record(NamedTuple):
         return {"inside": [one for one, is_in in pairs if is_in], "outside": [one for one, is_in in pairs if not is_in]}
 
 
-def _learning(curve: LearningCurve) -> pd.DataFrame:
-    n_episodes = curve.returns.shape[1]
+def _learning(curve: LearningCurve, clock: TrainingClock | None) -> pd.DataFrame:
+    timesteps = np.repeat(curve.timesteps, curve.returns.shape[1])
     return pd.DataFrame(
         {
-            "timesteps": np.repeat(curve.timesteps, n_episodes),
+            "timesteps": timesteps,
+            "seconds": np.nan if clock is None else clock.at(timesteps),
             "task": [task_label(task) for row in curve.tasks for task in row],
             "return": curve.returns.ravel(),
         }

@@ -19,6 +19,7 @@ FLOORS = [
         "episode_index",
         "interquartile",
         "task_index",
+        "training_clock",
     },
     {"exchangeable_t", "flow", "adaptation_result", "late_log", "transfer"},
     {"encoders.base"},

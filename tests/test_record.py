@@ -88,18 +88,22 @@ def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monk
         monkeypatch.setattr(sys, "argv", ["sb3-bruno", "report", *map(str, arguments), "--out", str(tmp_path / "page")])
         main()
 
+    clocked = run_folder(tmp_path / "c", 3, "sac", conf="oracle")
+    (clocked / "0.monitor.csv").write_text('#{"t_start": 0.0}\nr,l,t\n1,200,60\n1,200,180\n')
     report(
         run_folder(tmp_path / "a", 1, split="train", wall_seconds=120, trained_at=["1234567890", "fedcba9876-dirty"]),
         run_folder(tmp_path / "b", 5),
     )
-    report(run_folder(tmp_path / "c", 3, "sac", conf="oracle"))
+    assert not (tmp_path / "page" / "wall_time.png").exists(), "none of them knows its clock"
+    report(clocked)
+    assert Record.load(tmp_path / "page" / "sac_oracle" / "seed3").learning["seconds"].tolist() == [60, 60, 180, 180]
     page = (tmp_path / "page" / "table.md").read_text()
     assert page.strip() in capsys.readouterr().out
     assert "| bruno_sac | 2 | 400 |" in page and "| sac (oracle) | 1 | 400 |" in page
     assert "| bruno_sac | 5 |" in page and "2 / ?" in page and "| 1234567 fedcba9-dirty | abcdef0 |" in page
     assert "mean over the train tasks" in page, "of the runs that know it"
     assert "| ? | abcdef0 |" in page, "where it is not known"
-    for name in ("learning_curves.png", "adaptation.png"):
+    for name in ("learning_curves.png", "adaptation.png", "wall_time.png"):
         assert (tmp_path / "page" / name).stat().st_size > 10_000
     assert "| 200 steps | 210 steps | 210 steps, 1_0 |" in page
     with pytest.raises(SystemExit, match="sb3-bruno evaluate"):

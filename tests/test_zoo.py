@@ -25,7 +25,6 @@ from sb3_bruno.zoo.cli import COMMANDS, main
 from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.origin import ORIGIN, trained_at
 from sb3_bruno.zoo.registry import ALGORITHMS, config_file, configs_folder
-from sb3_bruno.zoo.trained import training_seconds
 from sb3_bruno_envs import CHEETAH_VEL_TASKS, POINT_DIR_TASKS
 
 CONFIGS = sorted(configs_folder().rglob("*.yml"))
@@ -250,11 +249,3 @@ def test_every_command_explains_itself(run, command):
 def test_help_names_every_command(run):
     printed, mistake = run("--help")
     assert mistake == "0" and all(f"  {command} " in printed for command in COMMANDS)
-
-
-@pytest.mark.parametrize(("clock", "seconds"), [([3.0, 7.5, 2.0, 4.0], 11.5), ([9.0], 9.0), ([], None)])
-def test_training_time_is_the_sum_over_the_parts_of_a_resumed_run(tmp_path, clock, seconds):
-    rows = [f"1.0,200,{one}" for one in clock]
-    (tmp_path / "0.monitor.csv").write_text("\n".join(['#{"t_start": 0.0}', "r,l,t", *rows]) + "\n")
-    assert training_seconds(tmp_path) == seconds
-    assert training_seconds(tmp_path / "elsewhere") is None

@@ -51,6 +51,10 @@ def report(arguments: list[str]) -> None:
     seeds, episodes = ("Line: mean. Band: lowest to highest " + one for one in ("seed.", "episode of all seeds."))
     curves, rewards = options.out / "learning_curves.png", options.out / "adaptation.png"
     plot_bands(learning_bands(methods), curves, "environment steps of training", "test return", seeds)
+    clocked = {name: runs for name, runs in methods.items() if all(map(_knows_its_clock, runs))}
+    if clocked:
+        minutes = options.out / "wall_time.png"
+        plot_bands(learning_bands(clocked, by_clock=True), minutes, "minutes of training", "test return", seeds)
     plot_bands(reward_bands(methods), rewards, "environment step", "reward", episodes)
     print(page)
 
@@ -103,15 +107,22 @@ def provenance(methods: Methods) -> list[str]:
     ]
 
 
-def learning_bands(methods: Methods) -> dict[str, dict[str, Band]]:
-    """By panel and method, the test return while training: the mean over seeds, and their range."""
+def learning_bands(methods: Methods, *, by_clock: bool = False) -> dict[str, dict[str, Band]]:
+    """By panel and method, the test return while training: the mean over seeds, and their range.
+
+    By environment steps, or by the minutes that the seeds took for them, in the mean.
+    """
     panels: dict[str, dict[str, Band]] = {}
     tasks = _few_tasks(methods)
     for task in tasks or [""]:
         for name, runs in methods.items():
             curves = [run.learning if not task else run.learning[run.learning["task"] == task] for run in runs]
             means = pd.concat([one.groupby("timesteps")["return"].mean() for one in curves], axis=1).dropna()
-            panels.setdefault(_title(task, methods), {})[name] = _band(means)
+            band = _band(means)
+            if by_clock:
+                seconds = pd.concat([one.groupby("timesteps")["seconds"].mean() for one in curves], axis=1)
+                band = band._replace(x=seconds.loc[means.index].mean(axis=1).to_numpy() / 60)
+            panels.setdefault(_title(task, methods), {})[name] = band
     return panels
 
 
@@ -146,6 +157,10 @@ def _title(task: str, methods: Methods) -> str:
     if task:
         return task_title(np.array(task.split("_"), dtype=np.float64))
     return f"{_all(methods)[0].episodes['task'].nunique()} tasks"
+
+
+def _knows_its_clock(run: Record) -> bool:
+    return "seconds" in run.learning and bool(run.learning["seconds"].notna().all())
 
 
 def _folder_name(method: str) -> str:

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-import pandas as pd
 import rl_zoo3
 import torch as th
 import yaml
@@ -21,6 +20,7 @@ from rl_zoo3.utils import get_model_path, get_saved_hyperparams
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
+from sb3_bruno.training_clock import TrainingClock
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.origin import trained_at
 from sb3_bruno.zoo.registry import config_file
@@ -82,6 +82,7 @@ def load_trained(options: argparse.Namespace) -> TrainedAgent:
     make_env = partial(gym.make, env_name.gym_id, **env_kwargs)
     model = rl_zoo3.ALGOS[options.algo].load(model_path, device="cpu")
     tasks, inside, n_inner = _tasks(make_env, options.split)
+    clock = TrainingClock.of_run(Path(folder))
     config = {
         "algo": options.algo,
         **_given(params, options.algo, env_name.gym_id),
@@ -89,7 +90,7 @@ def load_trained(options: argparse.Namespace) -> TrainedAgent:
         "split": options.split,
         "env_steps": model.num_timesteps,
         "seed": model.seed,
-        "wall_seconds": training_seconds(Path(folder)),
+        "wall_seconds": None if clock is None else float(clock.seconds[-1]),
         "trained_at": trained_at(Path(folder)),
         "inside_train_box": inside.tolist(),
         "n_inner_episodes": n_inner,
@@ -145,18 +146,6 @@ def _arguments(params: Path) -> dict[str, Any]:
     with open(params / "args.yml", encoding="utf-8") as file:
         arguments: dict[str, Any] = yaml.unsafe_load(file)  # rl_zoo3 wrote an OrderedDict
     return arguments
-
-
-def training_seconds(run: Path) -> float | None:
-    """How long a run has trained, by the clock of its monitor file; None without one or before its first episode.
-
-    Where a run was resumed the clock starts again: what lay between is not counted.
-    """
-    if not (run / "0.monitor.csv").is_file():
-        return None
-    seconds = pd.read_csv(run / "0.monitor.csv", comment="#")["t"].to_numpy(dtype=np.float64)
-    ends = np.diff(seconds, append=-np.inf) < 0  # the last episode of each part
-    return float(seconds[ends].sum()) or None
 
 
 def _vec_normalize(params: Path, make_env: Any) -> VecNormalize | None:
