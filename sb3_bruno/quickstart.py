@@ -45,7 +45,7 @@ HYPERPARAMETERS: dict[str, Any] = {
     "encoder_update_ratio": 0.4,
     "encoder_learning_starts": 1_000,
 }
-"""Those of ``zoo_configs/bruno_sac.yml``, which a test holds equal."""
+"""Those of ``zoo_configs/bruno_sac.yml`` but for a shorter run: twice the updates per step, larger batches."""
 N_ENVS = 10
 N_EVAL_ENVS, N_EVALUATIONS = 10, 20  # episodes per direction while training: as many as envs
 SAVE_FREQ = 10_000  # env steps between checkpoints
