@@ -252,9 +252,14 @@ least one factor.
 POINT_DIR_TASKS = TaskSet([[-1.0, 0.0], [1.0, 0.0]], space=Box(-1.0, 1.0, (2,)))
 """Left and right, as unit vectors in the plane; train and test are the same. ``tasks`` may name others."""
 
-_ANGLES = np.random.RandomState(1337).uniform(0.0, np.pi, 60)  # rad
-_GOALS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
 _HALF_DISC = Box(np.array([-1.0, 0.0], np.float32), np.array([1.0, 1.0], np.float32))
 
-SPARSE_POINT_GOAL_TASKS = TaskSet(_GOALS[:40], _GOALS[40:], space=_HALF_DISC)
-"""Goals on the upper half of the unit circle: 40 to train, 20 to test."""
+
+def _goals(n: int) -> NDArray[np.float64]:
+    """The middles of so many equal arcs of the upper half of the unit circle, ``(n, 2)``."""
+    angles = (np.arange(n) + 0.5) * np.pi / n  # rad
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+SPARSE_POINT_GOAL_TASKS = TaskSet(_goals(40), _goals(20), space=_HALF_DISC)
+"""Goals all along the upper half of the unit circle: 40 to train, and 20 in between to test."""
