@@ -57,6 +57,15 @@ class TaskExperiment(ExperimentManager):
             raise Mistake(str(error)) from error
         return read
 
+    @staticmethod
+    def _preprocess_schedules(hyperparams: dict[str, Any]) -> dict[str, Any]:
+        """As rl_zoo3, whose ``lin_1e-3`` the encoder's learning rate understands as well."""
+        rate = hyperparams.get("encoder_learning_rate")
+        if isinstance(rate, str):
+            read = ExperimentManager._preprocess_schedules({"learning_rate": rate})
+            hyperparams["encoder_learning_rate"] = read["learning_rate"]
+        return ExperimentManager._preprocess_schedules(hyperparams)
+
     def setup_experiment(self) -> tuple[BaseAlgorithm, dict[str, Any]] | None:
         """As rl_zoo3; a run that is resumed gets the model of its checkpoint."""
         try:
