@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from sb3_bruno_envs.point import PointEnv
 
 EPISODE_STEPS = 20  # just enough to sweep the half circle of goals once
-GOAL_RADIUS = 0.3  # around the goal, where rewards are paid
+GOAL_RADIUS = 0.5  # around the goal, where rewards are paid
 
 
 class SparsePointGoalEnv(PointEnv):
-    """Find the hidden goal: reward ``1 - distance`` within 0.3 of it, else 0.
+    """Find the hidden goal: reward ``1 - distance`` within 0.5 of it, else 0.
 
     The observation is the position ``(2,)``, the action the velocity ``(2,)`` in [-1, 1]; at 1 the point moves by
     0.15 per step. It starts near the origin; an episode is truncated after 20 steps and never terminates. With a

@@ -41,8 +41,8 @@ def test_the_motion_and_the_reward(x, y, angle):
         expected = start + 0.15 * step * np.clip([x, y], -1.0, 1.0)
         np.testing.assert_allclose(position, expected, atol=1e-5)
         distance = np.hypot(*(expected - goal))
-        if abs(distance - 0.3) > 1e-4:
-            assert reward == pytest.approx(1.0 - distance if distance < 0.3 else 0.0, abs=1e-4)
+        if abs(distance - 0.5) > 1e-4:
+            assert reward == pytest.approx(1.0 - distance if distance < 0.5 else 0.0, abs=1e-4)
     assert position.dtype == np.float32
 
 
@@ -64,7 +64,7 @@ def test_the_goals_are_on_the_half_circle_and_test_goals_are_others():
 def test_a_sweep_finds_every_goal_within_an_episode_and_knowing_it_pays_clearly_more():
     found, known = (np.array([sum(episode(goal, knows)) for goal in GOALS]) for knows in (False, True))
     assert (found > 0.0).all()
-    assert found.mean() < 0.6 * known.mean()
+    assert found.mean() < 0.65 * known.mean()
     assert known.min() > 14.0  # of 20 at most
 
 
@@ -86,8 +86,8 @@ def test_images_show_the_point_the_trail_and_the_goal():
     assert (image.shape, image.dtype) == ((128, 128, 3), np.uint8)
     rows, columns = np.nonzero((image == (30, 80, 200)).all(axis=2))  # the point, to the right
     assert (len(rows), 95 < columns.mean() < 115, abs(rows.mean() - 64) < 4) == (25, True, True)
-    rows, columns = np.nonzero((image == (40, 160, 70)).all(axis=2))  # the goal, at the top, 24 pixels across
-    np.testing.assert_allclose([rows.min(), rows.max(), columns.min(), columns.max()], [12, 36, 52, 76], atol=1)
+    rows, columns = np.nonzero((image == (40, 160, 70)).all(axis=2))  # the goal, at the top, 40 pixels across
+    np.testing.assert_allclose([rows.min(), rows.max(), columns.min(), columns.max()], [4, 44, 44, 84], atol=1)
     assert (image == (190, 190, 190)).all(axis=2).sum() >= 6  # the trail
 
 
