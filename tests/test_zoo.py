@@ -152,12 +152,20 @@ def test_evaluate_draws_actions_if_asked_to_the_same_for_a_seed(run, logs, tmp_p
     assert (drawn.rewards != mode.rewards).any()
 
 
-def test_only_what_was_given_against_the_config_names_a_run(run, tmp_path):
+def test_a_run_is_named_by_where_it_differs_from_the_config(run, tmp_path, monkeypatch):
     config = yaml.safe_load((configs_folder() / "bruno_sac.yml").read_text())["PointDir-v0"]
     assert run(*tiny(), f"gamma:{config['gamma']}", "tau:0.5")[1] == ""
     run("evaluate", "--env", "PointDir-v0", "--episodes", 1, "--steps", 5, "--out", tmp_path)
     given = AdaptationResult.load(tmp_path / "adaptation.json").config["params"]
-    assert given["tau"] == 0.5 and "gamma" not in given
+    assert given["tau"] == 0.5 and "gamma" not in given and "n_timesteps" not in given
+
+    newer = tmp_path / "zoo_configs"
+    newer.mkdir()
+    (newer / "bruno_sac.yml").write_text(yaml.safe_dump({"PointDir-v0": {**config, "gamma": 0.5, "tau": 0.5}}))
+    monkeypatch.setattr("sb3_bruno.zoo.registry.configs_folder", lambda: newer)
+    run("evaluate", "--env", "PointDir-v0", "--episodes", 1, "--steps", 5, "--out", tmp_path)
+    given = AdaptationResult.load(tmp_path / "adaptation.json").config["params"]
+    assert given["gamma"] == config["gamma"] and "tau" not in given
 
 
 def test_a_video_draws_the_belief_under_each_task(tmp_path):

@@ -120,21 +120,33 @@ def _env_kwargs(params: Path) -> dict[str, Any]:
 
 
 def _given(params: Path, algo: str, env_id: str) -> dict[str, Any]:
-    """What tells the run from others: the config that it chose, what was given against it, and all hyperparameters.
+    """What tells the run from others: the config that it chose, where it differs from that, and all hyperparameters.
 
-    Against our config as it is now: what a run tried and the config has since taken over tells nothing.
+    From the config as it is now, whatever it was when the run was made: what a run tried and the config has taken over
+    tells nothing, and what the config has changed since does.
     """
-    arguments = _arguments(params)
-    given = dict(arguments["hyperparams"] or {})
-    path = None if arguments["conf_file"] else config_file(algo)
-    config = yaml.safe_load(Path(path).read_text(encoding="utf-8")).get(env_id, {}) if path else {}
-    chosen = {
-        "conf": arguments["conf_file"],
-        "params": {name: value for name, value in given.items() if name not in config or config[name] != value},
-        "hyperparameters": dict(_hyperparams(params)),
-    }
+    arguments, used = _arguments(params), dict(_hyperparams(params))
+    config = _config(algo, arguments["conf_file"]).get(env_id)
+    if config is None:
+        differing = dict(arguments["hyperparams"] or {})
+    else:
+        config = {"normalize": False, **config, "n_timesteps": used["n_timesteps"]}
+        differing = {name: value for name, value in used.items() if name not in config or config[name] != value}
+    chosen = {"conf": arguments["conf_file"], "params": differing, "hyperparameters": used}
     as_json: dict[str, Any] = json.loads(json.dumps(chosen, default=str))
     return as_json
+
+
+def _config(algo: str, conf: str | None) -> dict[str, Any]:
+    """What the config that a run chose says now, by environment; nothing, if it is none of ours or is gone."""
+    try:
+        path = config_file(algo, conf)
+    except ValueError:
+        return {}
+    if path is None or not path.endswith((".yml", ".yaml")):
+        return {}
+    configs: dict[str, Any] = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    return configs
 
 
 def _hyperparams(params: Path) -> dict[str, Any]:
