@@ -123,7 +123,7 @@ def actor_critic_updates(rounds: int) -> tuple[list[Row], Seconds]:
 
 
 def whole_training(rounds: int) -> tuple[list[Row], Seconds]:
-    """``train()`` with the encoder's own updates at the default ratio, and at that of the cheetah's config."""
+    """``train()`` with the encoder's own updates at the default ratio, and the cheetah's encoder at 0.4."""
     sac = plain()
     cheetah = {"flow_class": "reflected_maf", "condition_on_next": True, "extra_dims": 1}
     cheetah |= {"process": "gaussian", "objective": "paper"}

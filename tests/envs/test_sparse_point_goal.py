@@ -64,7 +64,7 @@ def test_the_goals_are_on_the_half_circle_and_test_goals_are_others():
 def test_a_sweep_finds_every_goal_within_an_episode_and_knowing_it_pays_clearly_more():
     found, known = (np.array([sum(episode(goal, knows)) for goal in GOALS]) for knows in (False, True))
     assert (found > 0.0).all()
-    assert found.mean() < 0.65 * known.mean()
+    assert found.mean() < 0.6 * known.mean()
     assert known.min() > 14.0  # of 20 at most
 
 
