@@ -152,9 +152,9 @@ class TaskReplayBuffer(ReplayBuffer):
             )
         self.forget_beliefs()
         first_slot = self.pos * self.n_envs
-        for i, info in enumerate(infos):
-            # + 0.0 makes -0.0 and 0.0 the same task
-            self.tasks.put(first_slot + i, np.asarray(info["task"], dtype=np.float32).ravel() + np.float32(0.0))
+        tasks = np.array([info["task"] for info in infos], dtype=np.float32).reshape(self.n_envs, -1)
+        for i, task in enumerate(tasks + np.float32(0.0)):  # which makes -0.0 and 0.0 the same task
+            self.tasks.put(first_slot + i, task)
         self.episodes.put(done)
         self.inner_ends[self.pos] = ["final_observation" in info for info in infos]
         arrivals = np.array(next_obs["observation"])

@@ -85,13 +85,14 @@ class TaskInferencePolicy(BasePolicy):
 
     def _build(self, lr_schedule: Schedule) -> None:
         observation_dim = spaces.flatdim(self.observation_space["observation"])
-        self.encoder = self.encoder_class(observation_dim, spaces.flatdim(self.action_space), **self.encoder_kwargs)
-        self.encoder.eval()  # but for its own updates
-        self._n_statistics = len(self.encoder.empty())
-        self.layout = ExtendedObs(observation_dim, self.encoder.belief_dim, spaces.flatdim(self.task_space))
+        encoder = self.encoder_class(observation_dim, spaces.flatdim(self.action_space), **self.encoder_kwargs)
+        self._n_statistics = len(encoder.empty())
+        self.layout = ExtendedObs(observation_dim, encoder.belief_dim, spaces.flatdim(self.task_space))
         for net_kwargs in (self.actor_kwargs, self.critic_kwargs):
             net_kwargs["observation_space"] = self.layout.space
         super()._build(lr_schedule)  # type: ignore[misc]  # of the policy it is mixed into
+        # After the actor: SB3 looks for a policy's device at its first parameter, four times in a rollout's step.
+        self.encoder = encoder.eval()  # but for its own updates
 
     def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
         extractor = SliceExtractor(self.layout.space, self.layout.actor_slices)

@@ -137,8 +137,10 @@ class BrunoEncoder(TaskEncoder):
 
         s' as the change s' - s, which given s has the same density and shows what a step does.
         """
-        change = transitions.next_observations - transitions.observations
-        return th.cat([transitions.rewards[..., : self._reward_dim], change[..., : self._next_observation_dim]], dim=-1)
+        parts = [transitions.rewards] if self._reward_dim else []
+        if self._next_observation_dim:
+            parts.append(transitions.next_observations - transitions.observations)
+        return th.cat(parts, dim=-1)
 
     def empty(self, batch_shape: tuple[int, ...] = ()) -> Statistics:
         return self.process.empty(batch_shape)
