@@ -168,6 +168,12 @@ def test_a_run_is_named_by_where_it_differs_from_the_config(run, tmp_path, monke
     assert given["gamma"] == config["gamma"] and "tau" not in given
 
 
+def test_what_sb3_writes_into_policy_kwargs_names_no_run(run, tmp_path):
+    run("train", "--algo", "sac", "--env", "PointDir-v0", "-conf", "oracle", "-n", 64, "--eval-freq", -1)
+    run("evaluate", "--algo", "sac", "--env", "PointDir-v0", "--episodes", 1, "--steps", 5, "--out", tmp_path)
+    assert AdaptationResult.load(tmp_path / "adaptation.json").config["params"] == {}
+
+
 def test_a_video_draws_the_belief_under_each_task(tmp_path):
     model = BrunoSAC("MlpPolicy", "sb3_bruno_envs:PointDir-v0", seed=0)
     make_env = partial(gym.make, "PointDir-v0", render_mode="rgb_array")

@@ -151,6 +151,9 @@ def _config(algo: str, conf: str | None) -> dict[str, Any]:
 
 def _hyperparams(params: Path) -> dict[str, Any]:
     hyperparams: dict[str, Any] = get_saved_hyperparams(str(params))[0]
+    policy_kwargs = hyperparams.get("policy_kwargs")
+    if isinstance(policy_kwargs, dict) and policy_kwargs.get("use_sde") is False:
+        del policy_kwargs["use_sde"]  # its default, which SB3 writes into the dict that it is given
     return hyperparams
 
 
