@@ -155,7 +155,7 @@ def rollouts(rounds: int) -> tuple[list[Row], Seconds]:
     physics = gym.make(ENV_ID).unwrapped
     physics.reset(seed=0)
     rows, everything = [], {}
-    for n_envs, who, encoder_kwargs in (
+    for n_envs, encoder_name, encoder_kwargs in (
         (1, "", {}),
         (10, "", {}),
         (10, ", CheetahDir's encoder", CHEETAH),
@@ -170,7 +170,7 @@ def rollouts(rounds: int) -> tuple[list[Row], Seconds]:
             "physics": partial(many_steps, physics, steps),
         }
         seconds = race(work, rounds, 1)
-        what = f"env steps of a rollout, {n_envs} envs{who}"
+        what = f"env steps of a rollout, {n_envs} envs{encoder_name}"
         target = "<= 1.82 (0.55 x SAC's speed); the paper's code: 1,440 per second" if n_envs == 10 else ""
         rows.append(row(what, seconds, "bruno", "SAC", target, steps))
         rows.append(row(what, seconds, "bruno", "physics", "", steps))
