@@ -110,6 +110,15 @@ def test_train_evaluate_enjoy_record_and_plot(run, tmp_path):
     assert (tmp_path / "curves.png").stat().st_size > 10_000
 
 
+def test_every_evaluation_meets_every_test_task_equally_often(run, tmp_path):
+    flags = ["--eval-freq", 200, "--eval-episodes", 5, "--n-eval-envs", 2]
+    assert run(*tiny(*flags, env="SparsePointGoal-v0", steps=400))[1] == ""
+    curve = load_learning_curve(tmp_path / "logs" / "bruno_sac" / "SparsePointGoal-v0_1")
+    assert curve.returns.shape == (2, 40)  # 20 test tasks in each environment
+    for tasks in curve.tasks:
+        assert np.unique(tasks, axis=0, return_counts=True)[1].tolist() == [2] * 20
+
+
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory):
     """A log folder with two runs of PointDir, each evaluated once, after 320 env steps."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import sys
 from pathlib import Path
@@ -103,7 +104,7 @@ class TaskExperiment(ExperimentManager):
                 stock.eval_env,
                 callback_on_new_best=stock.callback,
                 best_model_save_path=self.save_path,
-                n_eval_episodes=self.n_eval_episodes,
+                n_eval_episodes=self._whole_cycles(stock.eval_env),
                 log_path=self.save_path,
                 eval_freq=self.eval_freq,
                 deterministic=self.deterministic_eval,
@@ -123,8 +124,17 @@ class TaskExperiment(ExperimentManager):
 
     def _test_env_kwargs(self) -> dict[str, Any]:
         """The training environment's, config included; of our environments, with each test task in turn."""
-        is_ours = self.entry_point(self.env_name.gym_id).startswith("sb3_bruno_envs")
-        return {**self.env_kwargs, "split": "test", "draw": "cycle"} if is_ours else self.env_kwargs
+        return {**self.env_kwargs, "split": "test", "draw": "cycle"} if self._is_ours() else self.env_kwargs
+
+    def _whole_cycles(self, eval_env: VecEnv) -> int:
+        """``n_eval_episodes``, rounded up until each environment goes through all its test tasks every time."""
+        if not self._is_ours():
+            return self.n_eval_episodes
+        n_a_cycle = len(eval_env.get_attr("task_distribution")[0].tasks("test")) * eval_env.num_envs
+        return n_a_cycle * math.ceil(self.n_eval_episodes / n_a_cycle)
+
+    def _is_ours(self) -> bool:
+        return self.entry_point(self.env_name.gym_id).startswith("sb3_bruno_envs")
 
     def _names_its_task(self) -> bool:
         env = gym.make(self.env_name.gym_id, **self.env_kwargs)
