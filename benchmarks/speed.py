@@ -3,8 +3,9 @@
     python benchmarks/speed.py --out docs/performance
 
 Every comparison runs its contestants in turn, many rounds of a fixed amount of work each, and takes the ratio within a
-round, so that a machine that is slow for a while is slow for both. Printed are the median over the rounds and, in
-brackets, the quartiles; all rounds are in ``speed.json``. Leave the machine alone meanwhile.
+round, so that a machine that is slow for a while is slow for both. Seconds are the processor's for this process: what a
+neighbour takes away does not count. Printed are the median over the rounds and, in brackets, the quartiles; all rounds
+are in ``speed.json``. Leave the machine alone meanwhile.
 """
 
 from __future__ import annotations
@@ -64,10 +65,10 @@ def race(contestants: dict[str, Callable[[], Any]], rounds: int, calls: int) -> 
     seconds: Seconds = {name: [] for name in contestants}
     for _ in range(rounds):
         for name, call in contestants.items():
-            start = time.perf_counter()
+            start = time.process_time()
             for _ in range(calls):
                 call()
-            seconds[name].append((time.perf_counter() - start) / calls)
+            seconds[name].append((time.process_time() - start) / calls)
     return seconds
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import torch as th
 from torch import Tensor
 from torch.distributions import Transform, constraints
-from torch.nn.functional import softsign
+from torch.nn import functional as F
 from zuko.flows.autoregressive import MaskedAutoregressiveTransform
 
 
@@ -20,7 +20,7 @@ class AffineAutoregression(MaskedAutoregressiveTransform):  # type: ignore[misc]
 
     :param features: dimension of y and z
     :param context: dimension of x
-    :param kwargs: ``order`` and ``hidden_features``, as zuko's
+    :param kwargs: ``order`` and ``hidden_features`` (of one layer), as zuko's
     """
 
     def forward(self, c: Tensor) -> AffineLayer:
@@ -29,8 +29,10 @@ class AffineAutoregression(MaskedAutoregressiveTransform):  # type: ignore[misc]
 
     def shift_and_log_scale(self, y: Tensor, c: Tensor) -> tuple[Tensor, Tensor]:
         """b and a, of which entry i depends on c and the entries of y before i. (..., features) each"""
-        shift, scale = self.hyper(th.cat([y, c], dim=-1)).unflatten(-1, (-1, 2)).unbind(-1)
-        return shift, softsign(scale)
+        first, _, last = self.hyper
+        hidden = F.linear(th.cat([y, c], dim=-1), first.mask * first.weight, first.bias).relu()
+        both = F.linear(hidden, last.mask * last.weight, last.bias)
+        return both[..., ::2], F.softsign(both[..., 1::2])
 
 
 class AffineLayer(Transform):

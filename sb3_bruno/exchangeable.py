@@ -109,9 +109,10 @@ class ExchangeableGaussian(nn.Module):
         zeros = self.log_var.new_zeros(*batch_shape, self.dim)
         return Statistics(zeros[..., :1], zeros, zeros)
 
-    def observe(self, z: Tensor) -> Statistics:
-        """The statistics of every latent by itself. z: (..., dim)"""
-        return Statistics(th.ones_like(z[..., :1]), z, th.zeros_like(z))
+    def absorb(self, statistics: Statistics, z: Tensor) -> Statistics:
+        """The statistics after one more latent each. z: (..., dim)"""
+        n, total, scatter = statistics
+        return Statistics(n + 1, total + z, scatter + self._added_scatter(n, total, z))
 
     def statistics(self, z: Tensor) -> Statistics:
         """The statistics of a set of latents. z: (..., time, dim) -> (..., dim)"""
@@ -126,21 +127,19 @@ class ExchangeableGaussian(nn.Module):
         Of weights (..., time), 1 lets a latent count and 0 leaves it out; None: all count.
         """
         counted = th.ones_like(z[..., :1]) if weights is None else weights.unsqueeze(-1).to(z)
-        each = Statistics(counted, counted * z, th.zeros_like(z))
-        n, total = (F.pad(one.cumsum(dim=-2), (0, 0, 1, 0)) for one in each[:2])
-        before = Statistics(n[..., :-1, :], total[..., :-1, :], each.scatter)
-        added = before.merge(each).scatter  # by each latent to the scatter of those before it
+        n, total = (F.pad(one.cumsum(dim=-2), (0, 0, 1, 0)) for one in (counted, counted * z))
+        added = counted * self._added_scatter(n[..., :-1, :], total[..., :-1, :], z)
         return Statistics(n, total, F.pad(added.cumsum(dim=-2), (0, 0, 1, 0)))
 
-    def theta_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
-        """mu_n = rho S1 / D_n and var_n = rho (v - rho) / D_n, with D_n = v + (n - 1) rho. Shape (..., dim) each.
+    @staticmethod
+    def _added_scatter(n: Tensor, total: Tensor, z: Tensor) -> Tensor:
+        """What one more latent adds to W: (n z - S1)^2 / (n (n + 1)), which is ``Statistics.merge`` of one."""
+        return (n * z - total).square() / (n * (n + 1)).clamp(min=1)
 
-        D_n is summed as (v - rho) + n rho, so that it stays positive at n = 0.
-        """
-        cov, noise_var = self.cov, self.noise_var
-        gain = cov / (noise_var + statistics.n * cov)  # rho / D_n
-        mean = gain * statistics.total
-        return mean, (gain * noise_var).expand_as(mean)
+    def theta_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
+        """mu_n and var_n of theta given z_1..z_n, under the Gaussian process. Shape (..., dim) each."""
+        mean, var = theta_moments(statistics, self.cov, self.noise_var)
+        return mean, var.expand_as(mean)
 
     def posterior_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
         """Mean and variance of theta | z_1..z_n, without the rest of the distribution. Shape (..., dim) each."""
@@ -166,14 +165,10 @@ class ExchangeableGaussian(nn.Module):
         return self.predictive(statistics).sample(th.Size([n_samples]))
 
     def squared_mahalanobis(self, statistics: Statistics) -> Tensor:
-        """beta_n = (S2 - rho S1^2 / D_n) / (v - rho), which is chi-squared_n under the model. Shape (..., dim).
-
-        Written as W / (v - rho) + S1^2 / (n D_n), both terms positive: the difference cancels in float32.
-        """
-        n, total, scatter = statistics
-        noise_var = self.noise_var
-        scale = noise_var + n * self.cov  # D_n
-        return scatter / noise_var + total.square() / (n.clamp(min=1) * scale)
+        """beta_n, which is chi-squared_n under the model. Shape (..., dim)."""
+        cov, noise_var = self.cov, self.noise_var
+        mean, _ = theta_moments(statistics, cov, noise_var)
+        return squared_mahalanobis(statistics, mean, cov, noise_var)
 
     def distance(self, statistics: Statistics) -> Distance:
         """beta_n of each dimension, with what it should be distributed as."""
@@ -192,3 +187,21 @@ class ExchangeableGaussian(nn.Module):
         """
         log_normal = statistics.n * math.log(2 * math.pi) + self.log_volume(statistics)
         return -0.5 * (log_normal + self.squared_mahalanobis(statistics)).sum(dim=-1)
+
+
+def theta_moments(statistics: Statistics, cov: Tensor, noise_var: Tensor) -> tuple[Tensor, Tensor]:
+    """mu_n = rho S1 / D_n and var_n = rho (v - rho) / D_n, with D_n = v + (n - 1) rho.
+
+    D_n is summed as (v - rho) + n rho, so that it stays positive at n = 0. Shapes (..., dim), and that of n and rho.
+    """
+    gain = cov / (noise_var + statistics.n * cov)  # rho / D_n
+    return gain * statistics.total, gain * noise_var
+
+
+def squared_mahalanobis(statistics: Statistics, mean: Tensor, cov: Tensor, noise_var: Tensor) -> Tensor:
+    """beta_n = (S2 - rho S1^2 / D_n) / (v - rho), given mu_n. Shape (..., dim).
+
+    Written as W / (v - rho) + S1 mu_n / (n rho), both terms positive: the difference cancels in float32.
+    """
+    n, total, scatter = statistics
+    return scatter / noise_var + total * mean / (n.clamp(min=1) * cov)

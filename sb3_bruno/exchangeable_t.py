@@ -9,13 +9,19 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch as th
 from torch import Tensor, nn
 from torch.distributions import Chi2, Distribution, Gamma, StudentT
 
-from sb3_bruno.exchangeable import Distance, ExchangeableGaussian, Statistics
+from sb3_bruno.exchangeable import (
+    Distance,
+    ExchangeableGaussian,
+    Statistics,
+    squared_mahalanobis,
+    theta_moments,
+)
 
 
 class StudentTWithVariance(StudentT):
@@ -42,6 +48,23 @@ class StudentTWithVariance(StudentT):
     @property
     def variance(self) -> Tensor:
         return self.scale.pow(2) * self.df / (self.df - 2)
+
+
+class _Moments(NamedTuple):
+    """What z_1..z_n say of theta, of the next latent and of the scale s.
+
+    :ivar mean: mu_n, shape (..., dim)
+    :ivar theta_var: var_n where s = 1, the shape of n and the dimensions
+    :ivar predictive_var: v - rho + var_n, of the next latent where s = 1
+    :ivar df: nu_n, the shape of n and the scales
+    :ivar q: q_n, shape (..., n_scales)
+    """
+
+    mean: Tensor
+    theta_var: Tensor
+    predictive_var: Tensor
+    df: Tensor
+    q: Tensor
 
 
 class ExchangeableStudentT(ExchangeableGaussian):
@@ -90,49 +113,40 @@ class ExchangeableStudentT(ExchangeableGaussian):
         """Over the dimensions that share a scale: (..., dim) -> (..., n_scales)"""
         return per_dim.sum(dim=-1, keepdim=True) if self.shared_scale else per_dim
 
-    def _posterior_scale(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
-        """s | z_1..z_n ~ InvGamma(nu_n / 2, q_n / 2), nu_n = nu + n D, q_n = nu - 2 + beta_n. Shape (..., n_scales).
+    def _moments(self, statistics: Statistics) -> _Moments:
+        """Those of z_1..z_n: s | z ~ InvGamma(nu_n / 2, q_n / 2), nu_n = nu + n D, q_n = nu - 2 + beta_n.
 
         D dimensions share a scale, and beta_n is summed over them.
         """
-        df = self.df
-        q = df - 2 + self._sum(self.squared_mahalanobis(statistics))
-        return df + self._dims_per_scale * statistics.n, q
-
-    def _marginal(self, statistics: Statistics, mean: Tensor, var: Tensor) -> Distribution:
-        """Student-t with nu_n degrees of freedom and variance r_n var, r_n = E[s | z] = q_n / (nu_n - 2)."""
-        df, q = self._posterior_scale(statistics)
-        return StudentTWithVariance(df, mean, (q / df * var).sqrt())
+        cov, noise_var, df = self.cov, self.noise_var, self.df
+        mean, var = theta_moments(statistics, cov, noise_var)
+        beta = self._sum(squared_mahalanobis(statistics, mean, cov, noise_var))
+        return _Moments(mean, var, noise_var + var, df + self._dims_per_scale * statistics.n, df - 2 + beta)
 
     def posterior_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
         """mu_n and r_n var_n, r_n = E[s | z] = q_n / (nu_n - 2). Shape (..., dim) each."""
-        mean, var = self.theta_moments(statistics)
-        df, q = self._posterior_scale(statistics)
+        mean, var, _, df, q = self._moments(statistics)
         return mean, q / (df - 2) * var
 
     def posterior(self, statistics: Statistics) -> Distribution:
         """p(theta | z_1..z_n) of each dimension: mean mu_n, variance r_n var_n. Batch (..., dim)."""
-        return self._marginal(statistics, *self.theta_moments(statistics))
+        mean, var, _, df, q = self._moments(statistics)
+        return StudentTWithVariance(df, mean, (q / df * var).sqrt())
 
     def predictive(self, statistics: Statistics) -> Distribution:
         """p(z_{n+1} | z_1..z_n) of each dimension: mean mu_n, variance r_n (v - rho + var_n). Batch (..., dim)."""
-        mean, var = self.theta_moments(statistics)
-        return self._marginal(statistics, mean, self.noise_var + var)
+        mean, _, var, df, q = self._moments(statistics)
+        return StudentTWithVariance(df, mean, (q / df * var).sqrt())
 
     def log_predictive(self, statistics: Statistics, z: Tensor) -> Tensor:
-        mean, theta_var = self.theta_moments(statistics)
-        var = self.noise_var + theta_var
-        df, q = self._posterior_scale(statistics)
+        mean, _, var, df, q = self._moments(statistics)
         distance = self._sum((z - mean).square() / var)
         return self._log_density(df, q, self._dims_per_scale, distance, self._sum(var.log())).sum(dim=-1)
 
     def sample(self, statistics: Statistics, n_samples: int) -> Tensor:
-        mean, theta_var = self.theta_moments(statistics)
-        df, q = self._posterior_scale(statistics)
+        mean, _, var, df, q = self._moments(statistics)
         precision = Gamma(df / 2, q / 2, validate_args=False).sample(th.Size([n_samples]))  # 1 / s
-        return mean + ((self.noise_var + theta_var) / precision).sqrt() * th.randn_like(
-            mean.expand(n_samples, *mean.shape)
-        )
+        return mean + (var / precision).sqrt() * th.randn_like(mean.expand(n_samples, *mean.shape))
 
     def distance(self, statistics: Statistics) -> Distance:
         """beta_n of each scale, with what it should be distributed as."""

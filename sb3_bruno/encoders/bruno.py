@@ -146,8 +146,7 @@ class BrunoEncoder(TaskEncoder):
         return self.process.empty(batch_shape)
 
     def absorb(self, statistics: Statistics, transitions: Transitions, noise: Tensor | None = None) -> Statistics:
-        one_more = self.process.observe(self.latents(transitions, noise))
-        return LatentStatistics(*statistics).merge(one_more)
+        return self.process.absorb(LatentStatistics(*statistics), self.latents(transitions, noise))
 
     def prefixes(
         self, transitions: Transitions, noise: Tensor | None = None, weights: Tensor | None = None
