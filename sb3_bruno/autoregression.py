@@ -30,8 +30,10 @@ class AffineAutoregression(MaskedAutoregressiveTransform):  # type: ignore[misc]
     def shift_and_log_scale(self, y: Tensor, c: Tensor) -> tuple[Tensor, Tensor]:
         """b and a, of which entry i depends on c and the entries of y before i. (..., features) each"""
         first, _, last = self.hyper
-        hidden = F.linear(th.cat([y, c], dim=-1), first.mask * first.weight, first.bias).relu()
-        both = F.linear(hidden, last.mask * last.weight, last.bias)
+        given = th.cat([y, c], dim=-1)
+        rows = given.reshape(-1, given.shape[-1])  # of which ReLU in place may overwrite what it read
+        hidden = F.linear(rows, first.mask * first.weight, first.bias).relu_()
+        both = F.linear(hidden, last.mask * last.weight, last.bias).view(*y.shape[:-1], -1)
         return both[..., ::2], F.softsign(both[..., 1::2])
 
 
