@@ -108,3 +108,43 @@ class AgentView:
             None if one is None else th.as_tensor(arrays[key], dtype=th.float32) for key, one in modelled.items()
         )
         return Outcomes(rewards, next_observations)
+
+
+class BeliefQueries:
+    """Mixin for algorithms: what their agent believes and what it expects, in the env's own units."""
+
+    policy: TaskInferencePolicy
+    _vec_normalize_env: VecNormalize | None
+
+    def infer(self, transitions: Transitions) -> TaskBelief:
+        """The belief of any set of transitions, whatever their order.
+
+        :param transitions: arrays or tensors (..., time, dim) in the env's own units; time 0 gives the prior
+        """
+        return self._view.infer(transitions)
+
+    def belief(self, state: State) -> TaskBelief:
+        """The belief that an agent carries in the ``state`` that ``predict`` returned, batch shape (n_envs,)."""
+        return self._view.carried(state)
+
+    def predict_outcomes(
+        self,
+        belief: TaskBelief,
+        observations: ArrayLike,
+        actions: ArrayLike,
+        next_observations: ArrayLike | None = None,
+        n_samples: int = 1_000,
+    ) -> Outcomes:
+        """Samples of rewards and next observations in the env's own units, given a belief.
+
+        :param belief: from ``infer`` or ``belief``
+        :param observations: shape (..., observation_dim), the batch shape of ``belief``
+        :param actions: shape (..., action_dim), in the env's units
+        :param next_observations: where the actions led, for an encoder with ``condition_on_next``
+        :param n_samples: Monte Carlo samples, from which ``mean()`` and ``quantile(q)`` are taken
+        """
+        return self._view.outcomes(belief, observations, actions, next_observations, n_samples)
+
+    @property
+    def _view(self) -> AgentView:
+        return AgentView(self.policy, self._vec_normalize_env)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import torch as th
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.noise import ActionNoise
@@ -22,7 +22,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, RolloutReturn, Schedule
 from stable_baselines3.common.utils import FloatSchedule, update_learning_rate
 
-from sb3_bruno.beliefs import AgentView, TaskBelief
+from sb3_bruno.beliefs import BeliefQueries
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.checks import (
     check_algorithm,
@@ -31,16 +31,16 @@ from sb3_bruno.checks import (
     read_task_space,
     resolve_policy,
 )
-from sb3_bruno.encoders import BrunoEncoder, Outcomes, TaskEncoder, Transitions
+from sb3_bruno.encoders import BrunoEncoder, TaskEncoder
 from sb3_bruno.extended_obs import CriticInput
 from sb3_bruno.late_log import record_late
-from sb3_bruno.policies import DeviceState, State, TaskInferencePolicy
+from sb3_bruno.policies import DeviceState, TaskInferencePolicy
 from sb3_bruno.transfer import to_device, to_host
 
 SelfTaskInference = TypeVar("SelfTaskInference", bound="TaskInference")
 
 
-class TaskInference(OffPolicyAlgorithm):
+class TaskInference(BeliefQueries, OffPolicyAlgorithm):
     """Mixin for SB3's off-policy actor-critics.
 
     :param policy: "MlpPolicy" or "MultiInputPolicy" (the same here), or a ``TaskInferencePolicy``
@@ -234,38 +234,6 @@ class TaskInference(OffPolicyAlgorithm):
         self._belief_state = (*statistics, self._belief_state[-1])
         scalars = {"belief/mean_abs": belief.mean.abs().mean(), "belief/var": belief.variance.mean()}
         record_late(self.logger, scalars)
-
-    # -- asking ----------------------------------------------------------------------------------------------
-
-    def infer(self, transitions: Transitions) -> TaskBelief:
-        """The belief of any set of transitions, whatever their order.
-
-        :param transitions: arrays or tensors (..., time, dim) in the env's own units; time 0 gives the prior
-        """
-        return AgentView(self.policy, self._vec_normalize_env).infer(transitions)
-
-    def belief(self, state: State) -> TaskBelief:
-        """The belief that an agent carries in the ``state`` that ``predict`` returned, batch shape (n_envs,)."""
-        return AgentView(self.policy, self._vec_normalize_env).carried(state)
-
-    def predict_outcomes(
-        self,
-        belief: TaskBelief,
-        observations: ArrayLike,
-        actions: ArrayLike,
-        next_observations: ArrayLike | None = None,
-        n_samples: int = 1_000,
-    ) -> Outcomes:
-        """Samples of rewards and next observations in the env's own units, given a belief.
-
-        :param belief: from ``infer`` or ``belief``
-        :param observations: shape (..., observation_dim), the batch shape of ``belief``
-        :param actions: shape (..., action_dim), in the env's units
-        :param next_observations: where the actions led, for an encoder with ``condition_on_next``
-        :param n_samples: Monte Carlo samples, from which ``mean()`` and ``quantile(q)`` are taken
-        """
-        view = AgentView(self.policy, self._vec_normalize_env)
-        return view.outcomes(belief, observations, actions, next_observations, n_samples)
 
     # -- saving ----------------------------------------------------------------------------------------------
 
