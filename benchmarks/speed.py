@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 import torch as th
+import yaml
 from stable_baselines3 import SAC
 from stable_baselines3.common.env_util import make_vec_env
 from zuko.flows import MAF
@@ -36,13 +37,8 @@ from sb3_bruno.flow import ConditionalFlow
 ENV_ID = "sb3_bruno_envs:CheetahDir-v0"
 NETS = {"2 x 256": [256, 256], "2 x 128": [128, 128], "the paper's": {"pi": [128, 128], "qf": [128]}}
 OBSERVATION_DIM, ACTION_DIM = 17, 6
-CHEETAH = {  # as in zoo_configs/bruno_sac.yml
-    "flow_class": "reflected_maf",
-    "condition_on_next": True,
-    "extra_dims": 1,
-    "process": "gaussian",
-    "objective": "paper",
-}
+CONFIGS = yaml.safe_load((Path(__file__).parents[1] / "zoo_configs" / "bruno_sac.yml").read_text(encoding="utf-8"))
+CHEETAH = {key: CONFIGS["CheetahDir-v0"][key] for key in ("encoder_kwargs", "encoder_update_ratio")}
 Seconds = dict[str, list[float]]
 
 
@@ -133,7 +129,7 @@ def actor_critic_updates(rounds: int) -> tuple[list[Row], Seconds]:
 def whole_training(rounds: int) -> tuple[list[Row], Seconds]:
     """``train()`` with the encoder's own updates at the default ratio, and CheetahDir's encoder at its own."""
     sac = plain()
-    models = {"defaults": trained(), "CheetahDir": trained(encoder_update_ratio=0.2, encoder_kwargs=CHEETAH)}
+    models = {"defaults": trained(), "CheetahDir": trained(**CHEETAH)}
     rows, everything = [], {}
     for name, bruno in models.items():
         bruno.encoder_learning_starts = 0
@@ -156,13 +152,13 @@ def rollouts(rounds: int) -> tuple[list[Row], Seconds]:
     physics = gym.make(ENV_ID).unwrapped
     physics.reset(seed=0)
     rows, everything = [], {}
-    for n_envs, encoder_name, encoder_kwargs in (
+    for n_envs, encoder_name, kwargs in (
         (1, "", {}),
         (10, "", {}),
         (10, ", CheetahDir's encoder", CHEETAH),
         (20, "", {}),
     ):
-        bruno, sac = trained(n_envs, gradient_steps=0, encoder_kwargs=encoder_kwargs), plain(n_envs, gradient_steps=0)
+        bruno, sac = trained(n_envs, gradient_steps=0, **kwargs), plain(n_envs, gradient_steps=0)
         bruno.learning_starts = sac.learning_starts = 0
         steps = 100 * n_envs
         work = {

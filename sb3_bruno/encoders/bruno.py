@@ -196,9 +196,9 @@ class BrunoEncoder(TaskEncoder):
 
     def one_step_bounds(self, transitions: Transitions) -> Tensor:
         z, log_det = self.latents_and_log_det(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
-        n, total, scatter = (one[..., :-1, :] for one in self.process.prefixes(z))
-        n = n.reshape(-1, *n.shape[-2:])[0]  # as many in every sequence: what follows from n alone is computed once
-        before = LatentStatistics(n, total, scatter)
+        _, total, scatter = (one[..., :-1, :] for one in self.process.prefixes(z))
+        n = th.arange(z.shape[-2], dtype=z.dtype, device=z.device).unsqueeze(-1)
+        before = LatentStatistics(n, total, scatter)  # what follows from n alone is computed for one sequence
         return self.process.log_predictive(before, z) + log_det + self.noise_dim * NOISE_ENTROPY
 
     def distance(self, transitions: Transitions) -> Distance:
