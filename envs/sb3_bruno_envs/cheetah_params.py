@@ -22,7 +22,7 @@ class CheetahParamsEnv(MetaHalfCheetahEnv):
     - 1, damping: every joint's (``dof_damping``); stiffness and armature stay as they are;
     - 2, friction: every geom's sliding friction (``geom_friction[:, 0]``), the floor's too; torsional and rolling
       friction have no effect in this model, whose contacts have ``condim=3``;
-    - 3, strength: every actuator's gear (``actuator_gear``).
+    - 3, strength: every actuator's gear (``actuator_gear``); below 0 the motors are mounted the wrong way round.
 
     Args:
         **kwargs: those of MetaHalfCheetahEnv.
@@ -40,11 +40,11 @@ class CheetahParamsEnv(MetaHalfCheetahEnv):
         """Write the model's numbers from a task ``(4,)``; the state of the episode stays.
 
         Raises:
-            ValueError: if a factor is not positive, or there are not four.
+            ValueError: if mass, damping or friction is not positive, a factor is not finite, or there are not four.
         """
         factors = np.array(task, dtype=np.float64)
-        if factors.shape != (4,) or not (factors > 0.0).all():
-            raise ValueError(f"task={task!r} is invalid: give four factors, each above 0.")
+        if factors.shape != (4,) or not (factors[:3] > 0.0).all() or not np.isfinite(factors).all():
+            raise ValueError(f"task={task!r} is invalid: give four finite factors, the first three above 0.")
         self.factors = factors
         mass, damping, friction, strength = factors
         # Always from the stored numbers: factors of one task never meet those of another.

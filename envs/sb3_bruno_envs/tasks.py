@@ -230,24 +230,40 @@ CARTPOLE_TASKS = TaskSet(list(product(_MASSES, _LENGTHS)), list(product(_TEST_MA
 
 # Exponents of 2. Motors stronger than the model's on joints damped less make MuJoCo's integrator diverge: at
 # strength 2, damping 1/2 within seconds.
-_LOW, _HIGH = np.array([-2.0, -1.0, -3.0, -2.0]), np.array([2.0, 2.0, 1.0, 0.0])
+_LOW, _HIGH = np.array([-1.0, -1.0, -1.0, -1.0]), np.array([1.0, 1.0, 1.0, 0.0])
 _MARGIN = (_HIGH - _LOW) / 4.0
-_WITHIN = np.random.RandomState(1337).uniform(_LOW, _HIGH, (120, 4))
-_AROUND = np.random.RandomState(1338).uniform(_LOW - _MARGIN, _HIGH + _MARGIN, (40, 4))
-_BEYOND = _AROUND[((_AROUND < _LOW) | (_AROUND > _HIGH)).any(axis=1)][:20]
+
+
+def _bodies(seed: int, n: int, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Log-uniform factors, the motors turned round in one body of two, ``(n, 4)``."""
+    rng = np.random.RandomState(seed)
+    factors = 2.0 ** rng.uniform(low, high, (n, 4))
+    factors[:, 3] *= rng.choice([-1.0, 1.0], n)
+    return factors
+
+
+def _bodies_box(low: NDArray[np.float64], high: NDArray[np.float64]) -> Box:
+    """All of them: mass, damping and friction from their least on, strength either way round."""
+    return Box(np.float32([*2.0 ** low[:3], -(2.0 ** high[3])]), np.float32(2.0**high))
+
+
+_TRAIN_BODIES = _bodies_box(_LOW, _HIGH)
+_WITHIN = _bodies(1337, 120, _LOW, _HIGH)
+_AROUND = _bodies(1338, 60, _LOW - _MARGIN, _HIGH + _MARGIN)
+_BEYOND = _AROUND[((_AROUND < _TRAIN_BODIES.low) | (_AROUND > _TRAIN_BODIES.high)).any(axis=1)][:20]
 
 CHEETAH_PARAMS_TASKS = TaskSet(
-    2.0 ** _WITHIN[:100],
-    2.0 ** np.concatenate([_WITHIN[100:], _BEYOND]),
-    space=Box(np.float32(2.0 ** (_LOW - _MARGIN)), np.float32(2.0 ** (_HIGH + _MARGIN))),
-    train_box=Box(np.float32(2.0**_LOW), np.float32(2.0**_HIGH)),
+    _WITHIN[:100],
+    np.concatenate([_WITHIN[100:], _BEYOND]),
+    space=_bodies_box(_LOW - _MARGIN, _HIGH + _MARGIN),
+    train_box=_TRAIN_BODIES,
 )
 """Factors of mass, damping, friction and strength: 100 to train, 40 to test.
 
-The training tasks and the first 20 test tasks are log-uniform in [1/4, 4], [1/2, 4], [1/8, 2] and [1/4, 1]. The last 20
-test tasks are log-uniform in a range half as wide again, [1/8, 8], [0.297, 6.727], [1/16, 4] and [0.177, 1.414], each
-outside the former in at least one factor. In ranges of about half this width a policy that does not know the body does
-nearly as well as one that does (docs/results.md).
+The training tasks and the first 20 test tasks are log-uniform in [1/2, 2], strength in [1/2, 1] and in one of two bodies
+negative: motors turned round. The last 20 test tasks are log-uniform in a range half as wide again, [0.354, 2.828] and
+[0.420, 1.189], each outside the box of the former in at least one factor. Where no motor is turned round, a policy that
+does not know the body does as well as one that does, also in ranges twice as wide (docs/results.md).
 """
 
 POINT_DIR_TASKS = TaskSet([[-1.0, 0.0], [1.0, 0.0]], space=Box(-1.0, 1.0, (2,)))

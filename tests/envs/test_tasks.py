@@ -193,13 +193,14 @@ def test_the_cheetahs_bodies_lie_in_their_ranges():
     train, test = CHEETAH_PARAMS_TASKS.tasks("train"), CHEETAH_PARAMS_TASKS.tasks("test")
     assert (train.shape, test.shape) == ((100, 4), (40, 4))
     assert CHEETAH_PARAMS_TASKS.inside_train_box(test).tolist() == [True] * 20 + [False] * 20
-    low, high = np.float32([0.25, 0.5, 0.125, 0.25]), np.float32([4.0, 4.0, 2.0, 1.0])
-    assert CHEETAH_PARAMS_TASKS.train_box == Box(low, high)
-    log2, width = np.log2(train), np.log2(high / low)
-    middle = np.log2(low * high) / 2
-    np.testing.assert_allclose((log2.mean(axis=0) - middle) / width, 0.0, atol=0.075)  # 2.6 standard errors, fixed seed
-    np.testing.assert_allclose(log2.std(axis=0), width / np.sqrt(12.0), rtol=0.15)
-    assert ((test[20:] < low) | (test[20:] > high)).any(axis=0).all()  # in each of the factors
+    assert CHEETAH_PARAMS_TASKS.train_box == Box(np.float32([0.5, 0.5, 0.5, -1.0]), np.float32([2.0, 2.0, 2.0, 1.0]))
+    log2 = np.log2(np.abs(train))
+    np.testing.assert_allclose(log2.mean(axis=0), [0.0, 0.0, 0.0, -0.5], atol=0.15)  # 2.6 standard errors, fixed seed
+    np.testing.assert_allclose(log2.std(axis=0), np.array([2.0, 2.0, 2.0, 1.0]) / np.sqrt(12.0), rtol=0.15)
+    for split in (train, test[:20], test[20:]):  # about one body of two has its motors turned round
+        assert 0.3 < (split[:, 3] < 0).mean() < 0.7
+    strange = np.abs(test[20:])
+    assert ((strange < [0.5, 0.5, 0.5, 0.0]) | (strange > [2.0, 2.0, 2.0, 1.0])).any(axis=0).all()  # in each factor
     assert len(np.unique(np.concatenate([train, test]), axis=0)) == 140
 
 
