@@ -244,13 +244,14 @@ def _bodies(seed: int, n: int, low: NDArray[np.float64], high: NDArray[np.float6
 
 def _bodies_box(low: NDArray[np.float64], high: NDArray[np.float64]) -> Box:
     """All of them: mass, damping and friction from their least on, strength either way round."""
-    return Box(np.float32([*2.0 ** low[:3], -(2.0 ** high[3])]), np.float32(2.0**high))
+    least = np.append(2.0 ** low[:3], -(2.0 ** high[3]))
+    return Box(least.astype(np.float32), (2.0**high).astype(np.float32))
 
 
 _TRAIN_BODIES = _bodies_box(_LOW, _HIGH)
 _WITHIN = _bodies(1337, 120, _LOW, _HIGH)
 _AROUND = _bodies(1338, 60, _LOW - _MARGIN, _HIGH + _MARGIN)
-_BEYOND = _AROUND[((_AROUND < _TRAIN_BODIES.low) | (_AROUND > _TRAIN_BODIES.high)).any(axis=1)][:20]
+_BEYOND = [body for body in _AROUND if not _TRAIN_BODIES.contains(body.astype(np.float32))][:20]
 
 CHEETAH_PARAMS_TASKS = TaskSet(
     _WITHIN[:100],
@@ -260,7 +261,7 @@ CHEETAH_PARAMS_TASKS = TaskSet(
 )
 """Factors of mass, damping, friction and strength: 100 to train, 40 to test.
 
-The training tasks and the first 20 test tasks are log-uniform in [1/2, 2], strength in [1/2, 1] and in one of two bodies
+The training tasks and the first 20 test tasks are log-uniform in [1/2, 2], strength in [1/2, 1] and, in one body of two,
 negative: motors turned round. The last 20 test tasks are log-uniform in a range half as wide again, [0.354, 2.828] and
 [0.420, 1.189], each outside the box of the former in at least one factor. Where no motor is turned round, a policy that
 does not know the body does as well as one that does, also in ranges twice as wide (docs/results.md).
