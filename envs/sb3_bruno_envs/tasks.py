@@ -261,8 +261,8 @@ CHEETAH_PARAMS_TASKS = TaskSet(
 )
 """Factors of mass, damping, friction and strength: 100 to train, 40 to test.
 
-The training tasks and the first 20 test tasks are log-uniform in [1/2, 2], strength in [1/2, 1] and in one of two bodies
-negative, motors turned round. The last 20 test tasks are log-uniform in a range half as wide again, [0.354, 2.828] and
+The training tasks and the first 20 test tasks are log-uniform in [1/2, 2], strength in [1/2, 1], in one body of two
+negative: motors turned round. The last 20 test tasks are log-uniform in a range half as wide again, [0.354, 2.828] and
 [0.420, 1.189], each outside the box of the former in at least one factor. Where no motor is turned round, a policy that
 does not know the body does as well as one that does, also in ranges twice as wide (docs/results.md).
 """
