@@ -24,7 +24,7 @@ from sb3_bruno.video import record_tasks
 from sb3_bruno.zoo.cli import COMMANDS, main
 from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.origin import ORIGIN, trained_at
-from sb3_bruno.zoo.registry import ALGORITHMS, config_file, configs_folder
+from sb3_bruno.zoo.registry import ALGORITHMS, config_file, config_name, configs_folder
 from sb3_bruno_envs import CHEETAH_VEL_TASKS, POINT_DIR_TASKS
 
 CONFIGS = sorted(configs_folder().rglob("*.yml"))
@@ -177,10 +177,20 @@ def test_a_run_is_named_by_where_it_differs_from_the_config(run, tmp_path, monke
     assert given["gamma"] == config["gamma"] and "tau" not in given
 
 
-def test_what_sb3_writes_into_policy_kwargs_names_no_run(run, tmp_path):
-    run("train", "--algo", "sac", "--env", "PointDir-v0", "-conf", "oracle", "-n", 64, "--eval-freq", -1)
+@pytest.mark.parametrize("conf", ["oracle", configs_folder() / "oracle" / "sac.yml"])
+def test_what_sb3_writes_into_policy_kwargs_names_no_run_nor_does_where_its_config_lies(run, tmp_path, conf):
+    run("train", "--algo", "sac", "--env", "PointDir-v0", "-conf", conf, "-n", 64, "--eval-freq", -1)
     run("evaluate", "--algo", "sac", "--env", "PointDir-v0", "--episodes", 1, "--steps", 5, "--out", tmp_path)
-    assert AdaptationResult.load(tmp_path / "adaptation.json").config["params"] == {}
+    config = AdaptationResult.load(tmp_path / "adaptation.json").config
+    assert (config["conf"], config["params"]) == ("oracle", {})
+
+
+@pytest.mark.parametrize(
+    ("conf", "name"),
+    [(None, None), ("markov", "markov"), ("best.yml", "best"), ("/home/me/sweeps/best.yml", "sweeps/best")],
+)
+def test_a_config_is_called_the_same_on_every_machine(conf, name):
+    assert config_name("sac", conf) == name
 
 
 def test_a_video_draws_the_belief_under_each_task(tmp_path):

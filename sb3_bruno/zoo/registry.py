@@ -54,3 +54,11 @@ def config_file(algo: str, conf: str | None = None) -> str | None:
         folders = ", ".join(sorted(one.name for one in folder.iterdir() if one.is_dir()))
         raise ValueError(f"-conf {conf} is neither a file nor one of our folders ({folders})")
     return conf
+
+
+def config_name(algo: str, conf: str | None) -> str | None:
+    """What a config is called on every machine: a file by its folder and name, oracle/sac.yml by its folder alone."""
+    if conf is None or not conf.endswith((".yml", ".yaml", ".py")):
+        return conf
+    *folder, name = Path(conf).with_suffix("").parts[-2:]
+    return folder[0] if folder and name == algo else "/".join([*folder, name])

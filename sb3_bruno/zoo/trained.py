@@ -23,7 +23,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from sb3_bruno.training_clock import TrainingClock
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.origin import trained_at
-from sb3_bruno.zoo.registry import config_file
+from sb3_bruno.zoo.registry import config_file, config_name
 
 
 class TrainedAgent(NamedTuple):
@@ -132,7 +132,7 @@ def _given(params: Path, algo: str, env_id: str) -> dict[str, Any]:
     else:
         config = {"normalize": False, **config, "n_timesteps": used["n_timesteps"]}
         differing = {name: value for name, value in used.items() if name not in config or config[name] != value}
-    chosen = {"conf": arguments["conf_file"], "params": differing, "hyperparameters": used}
+    chosen = {"conf": config_name(algo, arguments["conf_file"]), "params": differing, "hyperparameters": used}
     as_json: dict[str, Any] = json.loads(json.dumps(chosen, default=str))
     return as_json
 
