@@ -108,6 +108,9 @@ def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monk
     assert "| 200 steps | 210 steps | 210 steps, 1_0 |" in page
     with pytest.raises(SystemExit, match="sb3-bruno evaluate"):
         report(tmp_path)
+    with pytest.raises(SystemExit, match="e is a second run of bruno_sac/seed7"):
+        report(run_folder(tmp_path / "d", 7), run_folder(tmp_path / "e", 7))
+    assert not (tmp_path / "page" / "bruno_sac" / "seed7").exists(), "all or none"
     monkeypatch.setattr(sys, "argv", ["sb3-bruno", "report", "--out", str(tmp_path / "none")])
     with pytest.raises(SystemExit, match="give folders of runs that were tested"):
         main()

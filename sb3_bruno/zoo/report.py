@@ -34,12 +34,8 @@ def report(arguments: list[str]) -> None:
     untested = [str(run) for run in options.runs if not (run / "adaptation.json").is_file()]
     if untested:
         raise Mistake(f"no adaptation.json in {', '.join(untested)}: test the run by `sb3-bruno evaluate` first")
-    try:
-        for run in options.runs:
-            record = Record.from_run(run)
-            record.save(options.out / _folder_name(record.method) / f"seed{record.about['config']['seed']}")
-    except ValueError as error:
-        raise Mistake(str(error)) from error
+    for folder, record in _records_of(options.runs).items():
+        record.save(options.out / folder)
     methods: Methods = {}
     for path in sorted(options.out.glob("*/*/run.json")):
         record = Record.load(path.parent)
@@ -57,6 +53,21 @@ def report(arguments: list[str]) -> None:
         plot_bands(learning_bands(clocked, by_clock=True), minutes, "minutes of training", "test return", seeds)
     plot_bands(reward_bands(methods), rewards, "environment step", "reward", episodes)
     print(page)
+
+
+def _records_of(runs: Sequence[Path]) -> dict[str, Record]:
+    """What to keep of each run, by the folder that keeps it."""
+    records: dict[str, Record] = {}
+    for run in runs:
+        try:
+            record = Record.from_run(run)
+        except ValueError as error:
+            raise Mistake(str(error)) from error
+        folder = f"{_folder_name(record.method)}/seed{_config(record)['seed']}"
+        if folder in records:
+            raise Mistake(f"{run} is a second run of {folder}: one run per method and seed goes on a page; give one")
+        records[folder] = record
+    return records
 
 
 def by_method(methods: Methods) -> list[str]:

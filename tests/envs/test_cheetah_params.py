@@ -144,7 +144,17 @@ def test_the_simulation_is_stable_in_every_task(split):
         assert not env.data.warning.number.any()
 
 
-@pytest.mark.parametrize("task", [[1.0, 1.0, 1.0], [1.0, 0.0, 1.0, 1.0], [1.0, 1.0, 1.0, np.nan], [[1.0] * 4]])
+@pytest.mark.parametrize(
+    "task",
+    [
+        [1.0, 1.0, 1.0],
+        [1.0, 0.0, 1.0, 1.0],
+        [-1.0, 1.0, 1.0, 1.0],
+        [np.nan, 1.0, 1.0, 1.0],
+        [1.0, 1.0, 1.0, np.nan],
+        [[1.0] * 4],
+    ],
+)
 def test_an_impossible_task_is_refused(task):
     with pytest.raises(ValueError, match="is invalid: give four finite factors"):
         CheetahParamsEnv().set_task(task)
