@@ -163,10 +163,14 @@ def test_evaluate_draws_actions_if_asked_to_the_same_for_a_seed(run, logs, tmp_p
 
 def test_a_run_is_named_by_where_it_differs_from_the_config(run, tmp_path, monkeypatch):
     config = yaml.safe_load((configs_folder() / "bruno_sac.yml").read_text())["PointDir-v0"]
-    assert run(*tiny(), f"gamma:{config['gamma']}", "tau:0.5")[1] == ""
+    encoder_kwargs = "encoder_kwargs:{'process':'gaussian'}"
+    assert run(*tiny(), f"gamma:{config['gamma']}", "tau:0.5", encoder_kwargs)[1] == ""
     run("evaluate", "--env", "PointDir-v0", "--episodes", 1, "--steps", 5, "--out", tmp_path)
     given = AdaptationResult.load(tmp_path / "adaptation.json").config["params"]
     assert given["tau"] == 0.5 and "gamma" not in given and "n_timesteps" not in given
+    of_encoder = {name: value for name, value in given.items() if name.startswith("encoder_kwargs")}
+    assert config["encoder_kwargs"] == {"extra_dims": 1}
+    assert of_encoder == {"encoder_kwargs.process": "gaussian", "encoder_kwargs.extra_dims": None}
 
     newer = tmp_path / "zoo_configs"
     newer.mkdir()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -123,18 +123,28 @@ def _given(params: Path, algo: str, env_id: str) -> dict[str, Any]:
     """What tells the run from others: the config that it chose, where it differs from that, and all hyperparameters.
 
     From the config as it is now, whatever it was when the run was made: what a run tried and the config has taken over
-    tells nothing, and what the config has changed since does.
+    tells nothing, and what the config has changed since does. Part by part, as encoder_kwargs.belief; None where the
+    config alone has it.
     """
     arguments, used = _arguments(params), dict(_hyperparams(params))
     config = _config(algo, arguments["conf_file"]).get(env_id)
     if config is None:
         differing = dict(arguments["hyperparams"] or {})
     else:
-        config = {"normalize": False, **config, "n_timesteps": used["n_timesteps"]}
-        differing = {name: value for name, value in used.items() if name not in config or config[name] != value}
+        config = _flat({"normalize": False, **config, "n_timesteps": used["n_timesteps"]})
+        found = _flat(used)
+        differing = {name: found.get(name) for name in {**found, **config} if found.get(name) != config.get(name)}
     chosen = {"conf": config_name(algo, arguments["conf_file"]), "params": differing, "hyperparameters": used}
     as_json: dict[str, Any] = json.loads(json.dumps(chosen, default=str))
     return as_json
+
+
+def _flat(settings: Mapping[str, Any], path: str = "") -> dict[str, Any]:
+    """{"a": {"b": 1}} becomes {"a.b": 1}."""
+    flat: dict[str, Any] = {}
+    for name, value in settings.items():
+        flat |= _flat(value, f"{path}{name}.") if isinstance(value, Mapping) else {f"{path}{name}": value}
+    return flat
 
 
 def _config(algo: str, conf: str | None) -> dict[str, Any]:
