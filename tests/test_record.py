@@ -106,6 +106,9 @@ def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monk
     for name in ("learning_curves.png", "adaptation.png", "wall_time.png"):
         assert (tmp_path / "page" / name).stat().st_size > 10_000
     assert "| 200 steps | 210 steps | 210 steps, 1_0 |" in page
+    report(run_folder(tmp_path / "f", 3, "sac", tasks=DIRECTIONS[1:], conf="forward"))
+    of_one_task = "| sac (forward) | 1 | 400 | 333.3 | 350.0 |  | 350.0 |"
+    assert of_one_task in (tmp_path / "page" / "table.md").read_text()
     with pytest.raises(SystemExit, match="sb3-bruno evaluate"):
         report(tmp_path)
     with pytest.raises(SystemExit, match="e is a second run of bruno_sac/seed7"):

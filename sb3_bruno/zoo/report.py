@@ -73,7 +73,7 @@ def _records_of(runs: Sequence[Path]) -> dict[str, Record]:
 def by_method(methods: Methods) -> list[str]:
     """The interquartile mean over seeds of the mean return over the tasks; the lowest episode of all beside it."""
     measures = _measures(methods)
-    parts = _all(methods)[0].parts()
+    parts = {part: tasks for run in _all(methods) for part, tasks in run.parts().items()}
     columns = [_column(one) for one in measures] + [f"{_column(measures[-1])}, {part}" for part in parts]
     lines = _header(["method", "seeds", "env steps", *columns, "lowest episode", "steps to 90 %", "wall minutes"])
     for name, runs in methods.items():
@@ -83,7 +83,8 @@ def by_method(methods: Methods) -> list[str]:
             value, low, high = interquartile_mean(scores)
             cells.append(f"{value:.1f} ({low:.1f} to {high:.1f})" if len(runs) > 1 else f"{value:.1f}")
         for tasks in parts.values():
-            cells.append(f"{np.mean([run.scores(measures[-1])[tasks].mean() for run in runs]):.1f}")
+            found = [run.scores(measures[-1]).reindex(tasks).mean() for run in runs]
+            cells.append("" if np.isnan(found).any() else f"{np.mean(found):.1f}")
         cells.append(f"{min(run.episodes[measures[-1]].min() for run in runs):.0f}")
         cells.append(f"{np.mean([np.mean(list(run.about['steps_to_90'].values())) for run in runs]):.1f}")
         cells.append(" / ".join(_minutes(run) for run in runs))
@@ -112,8 +113,8 @@ def provenance(methods: Methods) -> list[str]:
     tasks = " and ".join(splits) + " tasks" if splits else "tasks"
     names = ("python", "torch", "stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "zuko")
     return [
-        f"Final test: deterministic unless called stochastic, mean over the {tasks}; by method the interquartile mean "
-        "over seeds of that, with the 95 % interval of the bootstrap over seeds.",
+        f"Final test: deterministic unless called stochastic, mean over the {tasks} (those that a method was "
+        "given); by method the interquartile mean over seeds of that, with the 95 % interval of the bootstrap over seeds.",
         "Versions: " + ", ".join(f"{name} {versions[name]}" for name in names if name in versions) + ".",
     ]
 
@@ -128,6 +129,8 @@ def learning_bands(methods: Methods, *, by_clock: bool = False) -> dict[str, dic
     for task in tasks or [""]:
         for name, runs in methods.items():
             curves = [run.learning if not task else run.learning[run.learning["task"] == task] for run in runs]
+            if any(one.empty for one in curves):
+                continue  # a method of other tasks
             means = pd.concat([one.groupby("timesteps")["return"].mean() for one in curves], axis=1).dropna()
             band = _band(means)
             if by_clock:
@@ -158,16 +161,15 @@ def _band(means: pd.DataFrame) -> Band:
 
 
 def _few_tasks(methods: Methods) -> Sequence[str]:
-    """The tasks, if they are few enough for a panel and a column each."""
-    rewards = _all(methods)[0].rewards
-    tasks: list[str] = rewards["task"].unique().tolist()
-    return [] if tasks == ["all"] else tasks
+    """The tasks of all runs together, if each has few enough for a panel and a column each."""
+    tasks = dict.fromkeys(task for run in _all(methods) for task in run.rewards["task"].unique())
+    return [] if "all" in tasks else list(tasks)
 
 
 def _title(task: str, methods: Methods) -> str:
     if task:
         return task_title(np.array(task.split("_"), dtype=np.float64))
-    return f"{_all(methods)[0].episodes['task'].nunique()} tasks"
+    return f"{max(run.episodes['task'].nunique() for run in _all(methods))} tasks"
 
 
 def _knows_its_clock(run: Record) -> bool:
