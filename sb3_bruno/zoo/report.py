@@ -113,8 +113,8 @@ def provenance(methods: Methods) -> list[str]:
     tasks = " and ".join(splits) + " tasks" if splits else "tasks"
     names = ("python", "torch", "stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "zuko")
     return [
-        f"Final test: deterministic unless called stochastic, mean over the {tasks} (those that a method was "
-        "given); by method the interquartile mean over seeds of that, with the 95 % interval of the bootstrap over seeds.",
+        f"Final test: deterministic unless called stochastic, mean over the {tasks} that a method was given; by method "
+        "the interquartile mean over seeds of that, with the 95 % interval of the bootstrap over seeds.",
         "Versions: " + ", ".join(f"{name} {versions[name]}" for name in names if name in versions) + ".",
     ]
 
