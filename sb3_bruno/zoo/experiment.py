@@ -12,9 +12,11 @@ import gymnasium as gym
 import rl_zoo3
 import yaml
 from rl_zoo3.exp_manager import ExperimentManager
+from rl_zoo3.utils import SimpleLinearSchedule
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import EvalCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.eval_callback import TaskEvalCallback
@@ -60,12 +62,19 @@ class TaskExperiment(ExperimentManager):
 
     @staticmethod
     def _preprocess_schedules(hyperparams: dict[str, Any]) -> dict[str, Any]:
-        """As rl_zoo3, whose ``lin_1e-3`` the encoder's learning rate understands as well."""
+        """As rl_zoo3, whose ``lin_1e-3`` the encoder's learning rate understands as well.
+
+        The schedule is SB3's own, so that a saved agent loads where rl_zoo3 is not installed.
+        """
         rate = hyperparams.get("encoder_learning_rate")
         if isinstance(rate, str):
             read = ExperimentManager._preprocess_schedules({"learning_rate": rate})
             hyperparams["encoder_learning_rate"] = read["learning_rate"]
-        return ExperimentManager._preprocess_schedules(hyperparams)
+        read = ExperimentManager._preprocess_schedules(hyperparams)
+        return {
+            name: LinearSchedule(value.initial_value, 0.0, 1.0) if isinstance(value, SimpleLinearSchedule) else value
+            for name, value in read.items()
+        }
 
     def setup_experiment(self) -> tuple[BaseAlgorithm, dict[str, Any]] | None:
         """As rl_zoo3; a run that is resumed gets the model of its checkpoint."""
