@@ -37,7 +37,7 @@ FLOORS = [
     {"plotting_diagnostics"},
     {"diagnostics_callback"},
     {"quickstart", "record"},
-    {"zoo.mistake", "zoo.parser", "zoo.registry"},
+    {"zoo.configs", "zoo.mistake", "zoo.parser", "zoo.registry"},
     {"zoo.origin"},
     {"zoo.trained"},
     {"zoo.evaluate", "zoo.report", "zoo.experiment", "zoo.sampler"},
@@ -150,7 +150,7 @@ def test_every_dependency_has_an_exact_tested_version():
 def test_the_quickstart_trains_with_the_zoos_hyperparameters_but_for_those_of_a_shorter_run():
     from sb3_bruno import quickstart
 
-    shorter = {"batch_size", "replay_buffer_kwargs", "encoder_update_ratio", "learning_rate"}
+    shorter = {"batch_size", "replay_buffer_kwargs", "encoder_update_ratio", "learning_rate", "encoder_learning_rate"}
     config = yaml.safe_load((ROOT / "zoo_configs" / "bruno_sac.yml").read_text())["CheetahDir-v0"]
     assert {key: config[key] for key in quickstart.HYPERPARAMETERS if key not in shorter} == {
         key: value for key, value in quickstart.HYPERPARAMETERS.items() if key not in shorter

@@ -16,7 +16,8 @@ import yaml
 from optuna.trial import TrialState
 
 from sb3_bruno.zoo.cli import main
-from sb3_bruno.zoo.registry import config_file, register
+from sb3_bruno.zoo.configs import config_file
+from sb3_bruno.zoo.registry import register
 from sb3_bruno.zoo.sampler import NETS, convert_bruno, register_samplers, sample_bruno
 from sb3_bruno.zoo.sweep import (
     GIVEN_BACK,

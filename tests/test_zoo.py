@@ -22,9 +22,10 @@ from sb3_bruno.diagnostics_result import Diagnostics
 from sb3_bruno.eval_callback import load_learning_curve
 from sb3_bruno.video import record_tasks
 from sb3_bruno.zoo.cli import COMMANDS, main
+from sb3_bruno.zoo.configs import config_file, config_name, configs_folder
 from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.origin import ORIGIN, trained_at
-from sb3_bruno.zoo.registry import ALGORITHMS, config_file, config_name, configs_folder
+from sb3_bruno.zoo.registry import ALGORITHMS
 from sb3_bruno_envs import CHEETAH_VEL_TASKS, POINT_DIR_TASKS
 
 CONFIGS = sorted(configs_folder().rglob("*.yml"))
@@ -169,16 +170,17 @@ def test_a_run_is_named_by_where_it_differs_from_the_config(run, tmp_path, monke
     given = AdaptationResult.load(tmp_path / "adaptation.json").config["params"]
     assert given["tau"] == 0.5 and "gamma" not in given and "n_timesteps" not in given
     of_encoder = {name: value for name, value in given.items() if name.startswith("encoder_kwargs")}
-    assert config["encoder_kwargs"] == {"extra_dims": 1}
-    assert of_encoder == {"encoder_kwargs.process": "gaussian", "encoder_kwargs.extra_dims": None}
+    assert of_encoder == {"encoder_kwargs.process": "gaussian"}
 
     newer = tmp_path / "zoo_configs"
     newer.mkdir()
-    (newer / "bruno_sac.yml").write_text(yaml.safe_dump({"PointDir-v0": {**config, "gamma": 0.5, "tau": 0.5}}))
-    monkeypatch.setattr("sb3_bruno.zoo.registry.configs_folder", lambda: newer)
+    changed = {"gamma": 0.5, "tau": 0.5, "encoder_kwargs": {**config["encoder_kwargs"], "belief": "mean"}}
+    (newer / "bruno_sac.yml").write_text(yaml.safe_dump({"PointDir-v0": {**config, **changed}}))
+    monkeypatch.setattr("sb3_bruno.zoo.configs.configs_folder", lambda: newer)
     run("evaluate", "--env", "PointDir-v0", "--episodes", 1, "--steps", 5, "--out", tmp_path)
     given = AdaptationResult.load(tmp_path / "adaptation.json").config["params"]
     assert given["gamma"] == config["gamma"] and "tau" not in given
+    assert given["encoder_kwargs.belief"] is None  # which the config alone has
 
 
 @pytest.mark.parametrize("conf", ["oracle", configs_folder() / "oracle" / "sac.yml"])
@@ -222,6 +224,14 @@ def test_learning_rates_fall_where_the_config_says_so(run, tmp_path, monkeypatch
     model = BrunoSAC.load(tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip")
     for schedule, first in ((model.lr_schedule, 1e-3), (model.encoder_lr_schedule, 2e-3)):
         assert [schedule(left) for left in (1.0, 0.5, 0.0)] == pytest.approx([first, first / 2, 0.0])
+
+
+def test_entries_of_a_dict_go_over_the_configs(run, tmp_path):
+    assert run(*tiny(), "encoder_kwargs:dict(belief='mean')")[1] == ""
+    config = yaml.safe_load(Path(config_file("bruno_sac")).read_text())["PointDir-v0"]["encoder_kwargs"]
+    model = BrunoSAC.load(tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip")
+    assert model.policy.encoder_kwargs == {**config, "belief": "mean"}
+    assert config  # else nothing could have been lost
 
 
 def test_an_agent_is_trained_on(run, tmp_path):

@@ -21,9 +21,9 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.eval_callback import TaskEvalCallback
 from sb3_bruno.resume import ResumeCallback, resume
+from sb3_bruno.zoo.configs import config_file, merged, read_configs
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.origin import save_origin
-from sb3_bruno.zoo.registry import config_file
 
 CHECKPOINT = "checkpoint.pkl"
 ENCODER_ARGUMENTS = {"encoder_class", "encoder_kwargs", "critic_input"}
@@ -53,8 +53,14 @@ class TaskExperiment(ExperimentManager):
             self.params_path = f"{self.save_path}/{self.env_name}"
 
     def read_hyperparameters(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """As rl_zoo3; what it raises over a config is the user's to mend."""
+        """As rl_zoo3, but of a dict in a YAML config, such as ``encoder_kwargs``, only the entries given are replaced.
+
+        What is raised over a config is the user's to mend.
+        """
         try:
+            config = read_configs(self.config).get(self.env_name.gym_id, {})
+            given = self.custom_hyperparams or {}
+            self.custom_hyperparams = {name: merged(config, given)[name] for name in given}
             read: tuple[dict[str, Any], dict[str, Any]] = super().read_hyperparameters()
         except (ValueError, OSError, ImportError, yaml.YAMLError) as error:
             raise Mistake(str(error)) from error

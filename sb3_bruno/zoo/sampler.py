@@ -73,12 +73,3 @@ def register_samplers() -> None:
     """Tell rl_zoo3 of our search space, in place."""
     HYPERPARAMS_SAMPLER.update(dict.fromkeys(ALGORITHMS, sample_bruno))
     HYPERPARAMS_CONVERTER.update(dict.fromkeys(ALGORITHMS, convert_bruno))
-
-
-def merged(base: dict[str, Any], drawn: dict[str, Any]) -> dict[str, Any]:
-    """Hyperparameters with drawn ones over them; dicts within are merged, not replaced."""
-    both = {**base, **drawn}
-    for key in base.keys() & drawn.keys():
-        if isinstance(base[key], dict) and isinstance(drawn[key], dict):
-            both[key] = {**base[key], **drawn[key]}
-    return both

@@ -28,9 +28,9 @@ from rl_zoo3.callbacks import TrialEvalCallback
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_SAMPLER
 from stable_baselines3.common.vec_env import VecEnv
 
+from sb3_bruno.zoo.configs import merged
 from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.mistake import Mistake
-from sb3_bruno.zoo.sampler import merged
 
 OWNER = "worker"  # user attribute of a trial: {"host": ..., "pid": ..., "started": seconds since the epoch}
 SETTINGS = "settings"  # user attribute of a study: what every trial is made of

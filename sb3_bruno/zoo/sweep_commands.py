@@ -16,10 +16,10 @@ from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 from rl_zoo3.utils import StoreDict
 
 from sb3_bruno.denormals import flushed_denormals
+from sb3_bruno.zoo.configs import config_file, merged, read_configs
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.parser import command_parser
-from sb3_bruno.zoo.registry import config_file
-from sb3_bruno.zoo.sampler import merged, register_samplers
+from sb3_bruno.zoo.sampler import register_samplers
 from sb3_bruno.zoo.sweep import (
     COUNTED,
     GIVEN_BACK,
@@ -76,7 +76,7 @@ def read_config(algo: str, env: str, conf: str | None) -> dict[str, Any]:
     """
     try:
         path = config_file(algo, conf) or str(Path(rl_zoo3.__file__).parent / "hyperparams" / f"{algo}.yml")
-        config: dict[str, Any] = yaml.safe_load(Path(path).read_text(encoding="utf-8"))[env]
+        config: dict[str, Any] = read_configs(path)[env]
     except (OSError, ValueError) as error:
         raise Mistake(str(error)) from error
     except KeyError as error:

@@ -21,9 +21,9 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_bruno.training_clock import TrainingClock
+from sb3_bruno.zoo.configs import config_file, config_name, read_configs
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.origin import trained_at
-from sb3_bruno.zoo.registry import config_file, config_name
 
 
 class TrainedAgent(NamedTuple):
@@ -150,13 +150,9 @@ def _flat(settings: Mapping[str, Any], path: str = "") -> dict[str, Any]:
 def _config(algo: str, conf: str | None) -> dict[str, Any]:
     """What the config that a run chose says now, by environment; nothing, if it is none of ours or is gone."""
     try:
-        path = config_file(algo, conf)
+        return read_configs(config_file(algo, conf))
     except ValueError:
         return {}
-    if path is None or not path.endswith((".yml", ".yaml")):
-        return {}
-    configs: dict[str, Any] = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    return configs
 
 
 def _hyperparams(params: Path) -> dict[str, Any]:
