@@ -24,7 +24,6 @@ from sb3_bruno.task_index import SlotQueue, TaskIndex
 from sb3_bruno.transfer import to_device
 
 Context = Literal["iid", "recent", "episode"]
-Source = Literal["task", "episode"]
 _RING = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts", "inner_ends")
 
 
@@ -42,10 +41,6 @@ class TaskReplayBuffer(ReplayBuffer):
     - ``"episode"``: what the agent had itself seen at that step, in its order (an episode whose first rows were
       overwritten begins at the first that is left). Of a ``Trial``, all its inner episodes are one
 
-    The encoder learns from sequences that are drawn i.i.d. from all transitions of a task, as in the paper, or, with
-    ``sequences_from="episode"``, from one episode each. What an agent sees within one is alike: the same gait, and
-    soon always the same reward. An encoder that never met such a set takes each transition for new evidence.
-
     Where an info has ``"final_observation"``, an inner episode of a trial ended, and that is the next observation.
 
     :param buffer_size: number of transitions, over all environments
@@ -56,10 +51,9 @@ class TaskReplayBuffer(ReplayBuffer):
     :param optimize_memory_usage: not supported, raises
     :param handle_timeout_termination: do not treat a time limit as termination
     :param n_sequences: tasks per sample
-    :param sequence_length: transitions per sequence, but for ``"episode"`` contexts, which are as long as they are
+    :param sequence_length: transitions per task in ``"iid"`` and ``"recent"`` sequences
     :param context: which transitions a belief rests on
     :param n_recent: with ``context="recent"``, how many transitions of a task count as recent
-    :param sequences_from: what the transitions of a sequence that the encoder learns from have in common
     :raises ValueError: if an argument is out of its range, or ``optimize_memory_usage`` is asked for
     """
 
@@ -77,7 +71,6 @@ class TaskReplayBuffer(ReplayBuffer):
         sequence_length: int = 64,
         context: Context = "iid",
         n_recent: int = 1_000,
-        sequences_from: Source = "task",
     ) -> None:
         if optimize_memory_usage:
             raise ValueError(
@@ -93,8 +86,6 @@ class TaskReplayBuffer(ReplayBuffer):
                 raise ValueError(f"`{name}` must be at least 1, got {value}.")
         if context not in ("iid", "recent", "episode"):
             raise ValueError(f"`context` must be 'iid', 'recent' or 'episode', got {context!r}.")
-        if sequences_from not in ("task", "episode"):
-            raise ValueError(f"`sequences_from` must be 'task' or 'episode', got {sequences_from!r}.")
         super().__init__(
             buffer_size,
             observation_space["observation"],
@@ -107,7 +98,6 @@ class TaskReplayBuffer(ReplayBuffer):
         self.sequence_length = sequence_length
         self.context = context
         self.n_recent = n_recent
-        self.sequences_from = sequences_from
         self.rng = np.random.default_rng(np.random.randint(2**31))  # noqa: NPY002  # which SB3 seeds
         self.tasks = TaskIndex(self.buffer_size * n_envs)
         self.episodes = EpisodeIndex(self.buffer_size, n_envs)
@@ -220,17 +210,12 @@ class TaskReplayBuffer(ReplayBuffer):
         return EncodedSequences(samples, lengths, self.rng)
 
     def sample_sequences(self, n_sequences: int, env: VecNormalize | None = None) -> Transitions:
-        """Sequences of transitions of one task or episode each, exchangeable: what the encoder learns from.
+        """Sequences of transitions of one task each, exchangeable: what the encoder learns from.
 
         :return: transitions of shape (n_sequences, sequence_length, dim)
         :raises RuntimeError: if the buffer is empty
         """
-        if self.sequences_from == "task":
-            slots, _ = self.exchangeable_slots(n_sequences)
-        else:
-            slots, lengths, _ = self._episode_slots(n_sequences)
-            steps = self.rng.random((n_sequences, self.sequence_length)) * lengths[:, None]
-            slots = np.take_along_axis(slots, steps.astype(np.int64), axis=1)
+        slots, _ = self.exchangeable_slots(n_sequences)
         return self.transitions(slots, env)
 
     def transitions(self, slots: Slots, env: VecNormalize | None = None) -> Transitions:
@@ -267,13 +252,9 @@ class TaskReplayBuffer(ReplayBuffer):
 
     def _context_slots(self, n_sequences: int) -> tuple[Slots, Slots, NDArray[np.float32]]:
         """Slots (n_sequences, time), how many of each row are real (n_sequences,), tasks (n_sequences, task_dim)."""
-        if self.context == "episode":
-            return self._episode_slots(n_sequences)
-        slots, tasks = self.exchangeable_slots(n_sequences)
-        return slots, np.full(n_sequences, slots.shape[1]), tasks
-
-    def _episode_slots(self, n_sequences: int) -> tuple[Slots, Slots, NDArray[np.float32]]:
-        """The same, of the episodes that hold a transition drawn from each of ``n_sequences`` tasks."""
+        if self.context != "episode":
+            slots, tasks = self.exchangeable_slots(n_sequences)
+            return slots, np.full(n_sequences, slots.shape[1]), tasks
         queues = self._draw_tasks(n_sequences)
         drawn = np.array([queue.slots[self.rng.integers(len(queue))] for queue in queues], dtype=np.int64)
         slots, lengths = self.episodes.holding(drawn)

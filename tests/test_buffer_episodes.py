@@ -22,22 +22,6 @@ def test_episode_context_is_what_the_agent_itself_had_seen(n_envs):
     assert drawn == set(range(stream.count))
 
 
-@pytest.mark.parametrize("sequences_from", ["task", "episode"])
-def test_the_encoder_learns_from_sequences_of_one_task_or_of_one_episode(sequences_from):
-    stream = Stream(2, 30, n_sequences=4, sequence_length=12, sequences_from=sequences_from)
-    for step in range(23):  # two tasks, episodes of 5 steps, the first rows overwritten and the last episode running
-        stream.add([step // 5 % 2, 1], dones=[step % 5 == 4] * 2)
-    lasting = set(range(stream.count - 30, stream.count))
-    drawn, episodes_of_a_sequence = set(), set()
-    for _ in range(60):
-        for numbers in stream.buffer.sample_sequences(4).observations[..., 0].numpy().astype(int):
-            drawn |= set(numbers)
-            assert len({stream.task_of[number] for number in numbers}) == 1
-            episodes_of_a_sequence.add(len({stream.episode_of[number] for number in numbers}))
-    assert drawn == lasting
-    assert (max(episodes_of_a_sequence) == 1) == (sequences_from == "episode")
-
-
 def test_an_episode_that_lost_its_first_rows_begins_at_the_first_that_is_left():
     stream = Stream(buffer_size=10, context="episode", n_sequences=4)
     for _ in range(25):

@@ -218,7 +218,6 @@ def test_an_empty_buffer_says_so():
         {"sequence_length": 0},
         {"n_recent": 0},
         {"context": "last"},
-        {"sequences_from": "trial"},
         {"optimize_memory_usage": True},
     ],
 )

@@ -44,7 +44,6 @@ OPTIONS = [
     {"policy_kwargs": {"net_arch": []}},
     {"replay_buffer_kwargs": {"context": "recent", "n_recent": 10}},
     {"replay_buffer_kwargs": {"context": "episode"}},
-    {"replay_buffer_kwargs": {"context": "episode", "sequences_from": "episode"}},
     {"replay_buffer_kwargs": {"handle_timeout_termination": False}},
     {"critic_input": "belief"},
     {"critic_input": "both"},
