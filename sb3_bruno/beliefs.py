@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch as th
+from gymnasium.spaces import Space, flatdim
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.vec_env import VecNormalize
 from torch.distributions import Distribution
@@ -75,7 +77,7 @@ class AgentView:
     ) -> Outcomes:
         """Samples of rewards and next observations after ``actions`` at ``observations``."""
         arrivals = observations if next_observations is None else next_observations
-        here = self.observe(observations, actions, np.zeros((*np.shape(actions)[:-1], 1)), arrivals)
+        here = self.observe(observations, actions, np.zeros((*belief.statistics[0].shape[:-1], 1)), arrivals)
         there = None if next_observations is None else here.next_observations
         with th.no_grad():
             samples = self.encoder.outcomes(belief.statistics, here.observations, here.actions, there, n_samples)
@@ -84,34 +86,55 @@ class AgentView:
     def observe(
         self, observations: ArrayLike, actions: ArrayLike, rewards: ArrayLike, next_observations: ArrayLike
     ) -> Transitions:
-        """Transitions in the env's units (..., dim) as the agent observes them."""
+        """Transitions in the env's units as the agent observes them, (..., dim).
+
+        Rewards (..., 1); the others flat, (..., dim), or in the shape of their space.
+        """
+        batch = np.shape(rewards)[:-1]
+        observation_shape = (*batch, *_shape(self.policy.observation_space["observation"]))
+        action = np.asarray(actions, dtype=np.float32).reshape(*batch, *_shape(self.policy.action_space))
         arrival: Any = {
-            "observation": np.asarray(next_observations, dtype=np.float32),
-            "action": self.policy.scale_action(np.asarray(actions, dtype=np.float32)),
+            "observation": np.asarray(next_observations, dtype=np.float32).reshape(observation_shape),
+            "action": self.policy.scale_action(action).reshape(*batch, flatdim(self.policy.action_space)),
             "reward": np.asarray(rewards, dtype=np.float32),
             "episode_start": np.zeros_like(rewards, dtype=np.float32),
         }
-        observation: Any = np.asarray(observations, dtype=np.float32)
+        observation: Any = np.asarray(observations, dtype=np.float32).reshape(observation_shape)
         if self.vec_normalize is not None:
             observation = self.vec_normalize.normalize_obs({**arrival, "observation": observation})["observation"]
             arrival = self.vec_normalize.normalize_obs(arrival)
         parts = (observation, arrival["action"], arrival["reward"], arrival["observation"])
-        return Transitions(*(th.as_tensor(one, dtype=th.float32, device=self.policy.device) for one in parts))
+        flat = (one.reshape(*batch, math.prod(one.shape[len(batch) :])) for one in parts)
+        return Transitions(*(th.as_tensor(one, dtype=th.float32, device=self.policy.device) for one in flat))
 
     def _unnormalize(self, samples: Outcomes) -> Outcomes:
         if self.vec_normalize is None:
             return samples
         modelled = {"reward": samples.rewards, "observation": samples.next_observations}
-        arrays: Any = {key: np.zeros(1) if one is None else one.cpu().numpy() for key, one in modelled.items()}
+        shapes = {key: _shape(self.policy.observation_space[key]) for key in modelled}
+        arrays: Any = {
+            key: np.zeros(shapes[key]) if one is None else one.cpu().numpy().reshape(*one.shape[:-1], *shapes[key])
+            for key, one in modelled.items()
+        }
         arrays = self.vec_normalize.unnormalize_obs({**arrays, "action": np.zeros(1), "episode_start": np.zeros(1)})
         rewards, next_observations = (
-            None if one is None else th.as_tensor(arrays[key], dtype=th.float32) for key, one in modelled.items()
+            None if one is None else th.as_tensor(arrays[key], dtype=th.float32).reshape(one.shape)
+            for key, one in modelled.items()
         )
         return Outcomes(rewards, next_observations)
 
 
+def _shape(space: Space[Any]) -> tuple[int, ...]:
+    assert space.shape is not None  # of a Box, for mypy
+    return space.shape
+
+
 class BeliefQueries:
-    """Mixin for algorithms: what their agent believes and what it expects, in the env's own units."""
+    """Mixin for algorithms: what their agent believes and what it expects, in the env's own units.
+
+    An agent that was trained with VecNormalize knows these only together with it, which SB3 saves apart: load the
+    agent with ``env=VecNormalize.load(...)``.
+    """
 
     policy: TaskInferencePolicy
     _vec_normalize_env: VecNormalize | None
@@ -119,7 +142,8 @@ class BeliefQueries:
     def infer(self, transitions: Transitions) -> TaskBelief:
         """The belief of any set of transitions, whatever their order.
 
-        :param transitions: arrays or tensors (..., time, dim) in the env's own units; time 0 gives the prior
+        :param transitions: arrays or tensors (..., time, dim) in the env's own units, dim flat or the shape of the
+            space; time 0 gives the prior
         """
         return self._view.infer(transitions)
 

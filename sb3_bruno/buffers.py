@@ -224,9 +224,9 @@ class TaskReplayBuffer(ReplayBuffer):
         :param slots: shape (...)
         :return: transitions of shape (..., dim)
         """
-        observation = self._flat(self.observations)[slots].reshape(*slots.shape, -1)
+        observation: Any = self._flat(self.observations)[slots]
         arrival: Any = {
-            "observation": self._flat(self.next_observations)[slots].reshape(*slots.shape, -1),
+            "observation": self._flat(self.next_observations)[slots],
             "action": self._flat(self.actions)[slots],
             "reward": self._flat(self.rewards)[slots][..., None],
             "episode_start": np.zeros((*slots.shape, 1), dtype=np.float32),
@@ -235,7 +235,7 @@ class TaskReplayBuffer(ReplayBuffer):
             observation = env.normalize_obs({**arrival, "observation": observation})["observation"]
             arrival = env.normalize_obs(arrival)
         parts = [observation, arrival["action"], arrival["reward"], arrival["observation"]]
-        return Transitions(*to_device(parts, self.device))
+        return Transitions(*to_device([one.reshape(*slots.shape, -1) for one in parts], self.device))
 
     def absorbed(self, slots: Slots) -> th.Tensor:
         """1 where an agent absorbs the transition in its slot, 0 where not, shape (...).

@@ -99,10 +99,9 @@ def read_task_space(env: VecEnv, known: spaces.Box | None = None) -> spaces.Box:
     :param known: the task space that it must equal, if the model has one already
     :raises ValueError: if the env has none, or another than the one known
     """
-    try:
-        found = env.get_attr("task_space")
-    except AttributeError as error:
-        raise ValueError(f"The env has no `task_space`: {WRAP}.") from error
+    if not env.has_attr("task_space"):
+        raise ValueError(f"The env has no `task_space`: {WRAP}.")
+    found = env.get_attr("task_space")
     if not isinstance(found[0], spaces.Box) or any(space != found[0] for space in found[1:]):
         raise ValueError(f"Every env must have the same Box as its `task_space`, got {found}.")
     task_space: spaces.Box = found[0]

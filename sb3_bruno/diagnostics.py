@@ -135,8 +135,8 @@ def _pad(episodes: Sequence[Sequence[Episode]]) -> list[_Sequences]:
 
 def _transitions(episode: Episode) -> Transitions:
     """The transitions of an episode, arrays (length, dim)."""
-    columns: list[Any] = [episode.observations, episode.actions, episode.rewards[:, None], episode.next_observations]
-    return Transitions(*columns)
+    columns: list[Any] = [episode.observations, episode.actions, episode.rewards, episode.next_observations]
+    return Transitions(*(column.reshape(len(column), -1) for column in columns))
 
 
 def _compare(view: AgentView, sequences: _Sequences, rng: np.random.Generator) -> _Comparison:

@@ -58,14 +58,18 @@ class TaskEvalCallback(EvalCallback):
         self._logged_tasks: set[str] = set()
 
     def restore(self, model: BaseAlgorithm) -> None:
-        """Go on with the learning curve in ``log_path``: a resumed run is evaluated when it would have been."""
+        """Go on with the learning curve in ``log_path``: a resumed run is evaluated when it would have been.
+
+        Raises:
+            ValueError: if there is no ``log_path``, or a file of it is damaged.
+        """
+        if self.log_path is None:
+            raise ValueError("`log_path` is None, so there is no learning curve to go on with: give the first run's.")
         self.n_calls = model.num_timesteps // model.n_envs
-        assert self.log_path is not None, "without a log_path there is nothing to go on with"
         folder = Path(self.log_path).parent
-        try:
-            curve = load_learning_curve(folder)
-        except ValueError:  # nothing had been evaluated yet
-            return
+        if not all((folder / name).is_file() for name in ("evaluations.npz", _TASKS_FILE)):
+            return  # nothing had been evaluated yet
+        curve = load_learning_curve(folder)
         known = int((curve.timesteps <= model.num_timesteps).sum())
         with np.load(folder / "evaluations.npz") as stored:
             lengths, successes = stored["ep_lengths"], stored.get("successes", ())
@@ -113,7 +117,7 @@ def load_learning_curve(path: str | Path) -> LearningCurve:
         path: the callback's ``log_path``.
 
     Raises:
-        ValueError: if the folder does not hold both files.
+        ValueError: if the folder does not hold both files, or one is damaged.
     """
     try:
         with (
@@ -121,9 +125,10 @@ def load_learning_curve(path: str | Path) -> LearningCurve:
             np.load(Path(path, _TASKS_FILE)) as stored,
         ):
             timesteps, returns, tasks = evaluations["timesteps"], evaluations["results"], stored["tasks"]
-    except (OSError, KeyError, zipfile.BadZipFile) as error:
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise ValueError(
-            f"path={str(path)!r} holds no evaluations with tasks: give a log_path of TaskEvalCallback."
+            f"path={str(path)!r} holds no evaluations with tasks: give a log_path of TaskEvalCallback. If a kill cut "
+            "a file there short, delete it: a resumed run then starts its learning curve anew."
         ) from error
     n = min(len(timesteps), len(tasks))  # the files are written one after the other
     return LearningCurve(timesteps[:n].astype(np.int64), tasks[:n], returns[:n].astype(np.float64))

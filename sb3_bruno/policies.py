@@ -40,8 +40,8 @@ class TaskInferencePolicy(BasePolicy):
     :param encoder_class: task encoder, built from ``(observation_dim, action_dim, **encoder_kwargs)``
     :param encoder_kwargs: further arguments of the encoder
     :param critic_input: what critics read beside observation and action: "task", "belief" or "both"
-    :param forget_threshold: nats of evidence for another task at which the belief forgets what came before; None:
-        never. For tasks that switch in mid-episode; may be set on a trained policy
+    :param forget_threshold: nats of evidence for another task at which ``predict`` forgets what came before; None:
+        never. For tasks that switch in mid-episode; may be set on a trained policy. Training never forgets
     :param kwargs: arguments of the policy that this is mixed into
     :raises ValueError: if a features extractor is asked for, which the extended observation would drop silently, or
         ``forget_threshold`` is not positive
@@ -134,7 +134,7 @@ class TaskInferencePolicy(BasePolicy):
         if not isinstance(observation, dict):
             return super().predict(observation, state, episode_start, deterministic)  # type: ignore[arg-type]  # as it is
         carried = None if state is None else to_device(state, self.device)
-        extended, carried = self.extend(observation, carried, episode_start)
+        extended, carried = self.extend(observation, carried, episode_start, self.forget_threshold)
         actions, _ = super().predict(extended, deterministic=deterministic)  # type: ignore[arg-type]  # likewise
         return actions, to_host(carried)
 
@@ -144,11 +144,13 @@ class TaskInferencePolicy(BasePolicy):
         observation: dict[str, NDArray[Any]],
         state: DeviceState | None = None,
         episode_start: NDArray[Any] | None = None,
+        forget_threshold: float | None = None,
     ) -> tuple[th.Tensor, DeviceState]:
         """Absorb the transition that led to ``observation`` and lay out the extended observation.
 
         The Dict's own ``episode_start`` says that no transition led here; the argument says that the belief
         starts again. All that comes from the host goes to the device in one transfer, and nothing comes back.
+        Without a ``forget_threshold`` nothing is forgotten: so it is in rollouts of training, as in their replay.
 
         :return: the extended observation, shape (n_envs, dim) or (dim,) as ``observation`` was, and the next state
         """
@@ -171,11 +173,12 @@ class TaskInferencePolicy(BasePolicy):
         here, action, reward, fresh_column, began_column = to_device(
             [np.asarray(one).reshape(n_envs, -1) for one in parts], self.device
         )
-        nothing = self._no_memory(n_envs)
+        nothing = self._no_memory(n_envs, forget_threshold)
         *carried, before = (*nothing, here) if state is None else state
-        memory = (*carried, *nothing[len(carried) :])  # what a policy that never forgot has not carried
+        # What a call that forgets carries beside the statistics begins here, and ends, if others were before or after.
+        memory = (*carried[: len(nothing)], *nothing[len(carried) :])
         memory = where(fresh_column > 0, nothing, memory) if fresh.any() else memory
-        absorbed = self._absorb(memory, Transitions(before, action, reward, here))
+        absorbed = self._absorb(memory, Transitions(before, action, reward, here), forget_threshold)
         memory = where(began_column > 0, memory, absorbed) if began.any() else absorbed
         extended = self.layout.join(here, self.encoder.belief(self.statistics(memory)))
         return (extended if vectorized else extended[0]), (*memory, here)
@@ -184,22 +187,20 @@ class TaskInferencePolicy(BasePolicy):
         """What the encoder keeps, which comes first in a state."""
         return state[: self._n_statistics]
 
-    def _no_memory(self, n_envs: int) -> DeviceState:
+    def _no_memory(self, n_envs: int, forget_threshold: float | None) -> DeviceState:
         """What is carried beside the observation, at an episode's start."""
-        if self.forget_threshold is None:
+        if forget_threshold is None:
             return self.encoder.empty((n_envs,))
         evidence, recent = no_suspicion(self.encoder, (n_envs,))
         return (*self.encoder.empty((n_envs,)), *recent, evidence)
 
-    def _absorb(self, memory: DeviceState, transitions: Transitions) -> DeviceState:
+    def _absorb(self, memory: DeviceState, transitions: Transitions, forget_threshold: float | None) -> DeviceState:
         statistics = self.statistics(memory)
-        if self.forget_threshold is None:
+        if forget_threshold is None:
             return self.encoder.absorb(statistics, transitions)
         *recent, evidence = memory[len(statistics) :]
         suspicion = Suspicion(evidence, tuple(recent))
-        statistics, suspicion = absorb_or_forget(
-            self.encoder, statistics, suspicion, transitions, self.forget_threshold
-        )
+        statistics, suspicion = absorb_or_forget(self.encoder, statistics, suspicion, transitions, forget_threshold)
         return (*statistics, *suspicion.recent, suspicion.evidence)
 
     def set_training_mode(self, mode: bool) -> None:

@@ -136,6 +136,7 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
     if state.envs is None:
         warnings.warn(f"The run goes on with a new episode, because {state.missing_because}.", stacklevel=2)
         model._last_obs = None
+        vec_env.seed((model.seed or 0) + model.num_timesteps)  # or the run's first episodes would come again
     _set_random_states(model, checkpoint["random"])
     return model
 

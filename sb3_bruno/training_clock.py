@@ -15,8 +15,8 @@ class TrainingClock(NamedTuple):
 
     Attributes:
         env_steps: of all environments together, ``(n_episodes,)``.
-        seconds: of training, ``(n_episodes,)``. Where a run was resumed the clock starts again; what lay between is not
-            counted.
+        seconds: of training, ``(n_episodes,)``. What lies between the end of a run and its resumption is not counted:
+            the Monitors go on from their checkpoint, and in subprocesses, where they start again, the parts add up.
     """
 
     env_steps: NDArray[np.int64]

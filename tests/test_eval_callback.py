@@ -98,6 +98,25 @@ def test_an_evaluation_cut_short_between_the_two_files_is_left_out(tmp_path: Pat
     assert [len(values) for values in curve] == [1, 1, 1]
 
 
+def test_a_curve_is_gone_on_with_unless_it_is_damaged(tmp_path: Path) -> None:
+    learn(Monitor(CycleEnv()), tmp_path, n_eval_episodes=2)
+    model = SAC("MlpPolicy", CycleEnv(), policy_kwargs={"net_arch": [4]}, device="cpu")
+    model.num_timesteps = 20
+    callback = TaskEvalCallback(CycleEnv(), log_path=str(tmp_path))
+    callback.restore(model)
+    assert callback.evaluations_timesteps == load_learning_curve(tmp_path).timesteps.tolist() != []
+    stored = tmp_path / "evaluations.npz"
+    stored.write_bytes(stored.read_bytes()[:200])  # as a kill may leave it
+    with pytest.raises(ValueError, match="delete it"):
+        callback.restore(model)
+    stored.unlink()
+    new = TaskEvalCallback(CycleEnv(), log_path=str(tmp_path))
+    new.restore(model)
+    assert new.evaluations_timesteps == []
+    with pytest.raises(ValueError, match="log_path"):
+        TaskEvalCallback(CycleEnv()).restore(model)
+
+
 def test_load_names_the_folder_that_lacks_the_files(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="holds no evaluations with tasks: give a log_path of TaskEvalCallback"):
         load_learning_curve(tmp_path)

@@ -221,6 +221,15 @@ def test_a_trained_policy_may_be_told_to_forget_in_mid_episode():
         np.testing.assert_array_equal(one, two)
 
 
+def test_a_policy_may_be_told_not_to_forget_any_more():
+    policy = make_policy(forget_threshold=0.01)
+    seen, states = rollout(policy, make_env(), 10)
+    policy.forget_threshold = None
+    for begins in (False, True):
+        _, state = policy.predict(seen[-1], states[-1], np.full(3, begins))
+        assert len(state) == 4
+
+
 def test_a_threshold_of_no_nats_is_refused():
     with pytest.raises(ValueError, match="forget_threshold"):
         make_policy(forget_threshold=0.0)

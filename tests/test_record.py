@@ -114,6 +114,13 @@ def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monk
     with pytest.raises(SystemExit, match="e is a second run of bruno_sac/seed7"):
         report(run_folder(tmp_path / "d", 7), run_folder(tmp_path / "e", 7))
     assert not (tmp_path / "page" / "bruno_sac" / "seed7").exists(), "all or none"
+    for other, budget in (
+        ({"env_steps": 500}, "500 env steps of Cheetah"),
+        ({"env": "Other-v0"}, "400 env steps of Other"),
+    ):
+        with pytest.raises(SystemExit, match=f"bruno_sac has runs of .*{budget}"):
+            report(run_folder(tmp_path / budget, 9, **other))
+        assert not (tmp_path / "page" / "bruno_sac" / "seed9").exists(), "nor of another budget"
     monkeypatch.setattr(sys, "argv", ["sb3-bruno", "report", "--out", str(tmp_path / "none")])
     with pytest.raises(SystemExit, match="give folders of runs that were tested"):
         main()

@@ -5,17 +5,19 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch as th
 import zuko
+from gymnasium.utils import EzPickle
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
-from stable_baselines3.common.monitor import load_results
-from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
+from stable_baselines3.common.monitor import Monitor, load_results
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNormalize
 
 from sb3_bruno import BrunoSAC
 from sb3_bruno.resume import ResumeCallback, resume
@@ -58,6 +60,14 @@ class Die(BaseCallback):
         if self.num_timesteps >= self.after:
             raise KeyboardInterrupt
         return True
+
+
+class EzPickled(gym.Wrapper, EzPickle):
+    """Forgets its state when pickled."""
+
+    def __init__(self, env):
+        gym.Wrapper.__init__(self, env)
+        EzPickle.__init__(self, env)
 
 
 def fingerprint(model):
@@ -206,7 +216,7 @@ def test_an_env_that_forgets_its_state_when_pickled_is_found_out(tmp_path):
         resume(path, make_env())
 
 
-def test_an_env_that_cannot_be_pickled_is_no_error(tmp_path):
+def test_an_env_that_cannot_be_pickled_goes_on_with_new_episodes(tmp_path):
     class Stubborn(gym.Wrapper):
         def __getstate__(self):
             raise TypeError("no")
@@ -215,9 +225,26 @@ def test_an_env_that_cannot_be_pickled_is_no_error(tmp_path):
         return Stubborn(gym.make("sb3_bruno_envs:PointDir-v0"))
 
     path = tmp_path / "checkpoint.pkl"
-    BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(90, ResumeCallback(path, 40))
+    first = BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(90, ResumeCallback(path, 40))
     with pytest.warns(UserWarning, match="cannot be pickled"):
-        assert resume(path, make_env()).num_timesteps > 0
+        model = resume(path, make_env())
+    steps = model.num_timesteps
+    model.learn(1, reset_num_timesteps=False)
+    starts = [one.replay_buffer.observations[row, 0] for one, row in ((first, 0), (model, steps))]
+    assert steps > 0 and not np.array_equal(*starts), "nor with the run's first one"
+
+
+@pytest.mark.parametrize("wrapper", [gym.Wrapper, EzPickled])
+def test_the_time_between_kill_and_resumption_is_not_counted(tmp_path, monkeypatch, wrapper):
+    def make_env():
+        return DummyVecEnv([lambda: Monitor(wrapper(gym.make("sb3_bruno_envs:PointDir-v0")))])
+
+    BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(45, ResumeCallback(tmp_path / "checkpoint.pkl", 40))
+    now = time.time
+    monkeypatch.setattr(time, "time", lambda: now() + 1_000_000)
+    with pytest.warns() if wrapper is EzPickled else nullcontext():
+        model = resume(tmp_path / "checkpoint.pkl", make_env())
+    assert 0 < time.time() - model.env.get_attr("t_start")[0] < 1_000
 
 
 def test_mistakes_are_named(tmp_path):

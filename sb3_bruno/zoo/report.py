@@ -6,7 +6,7 @@ sb3-bruno report logs/*/CheetahDir-v0_* --out docs/results/cheetah_dir
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,11 +34,12 @@ def report(arguments: list[str]) -> None:
     untested = [str(run) for run in options.runs if not (run / "adaptation.json").is_file()]
     if untested:
         raise Mistake(f"no adaptation.json in {', '.join(untested)}: test the run by `sb3-bruno evaluate` first")
-    for folder, record in _records_of(options.runs).items():
-        record.save(options.out / folder)
+    new = {options.out / folder: record for folder, record in _records_of(options.runs).items()}
+    _check_budgets({**_recorded(options.out), **new}.values())
+    for folder, record in new.items():
+        record.save(folder)
     methods: Methods = {}
-    for path in sorted(options.out.glob("*/*/run.json")):
-        record = Record.load(path.parent)
+    for record in _recorded(options.out).values():
         methods.setdefault(record.method, []).append(record)
     if not methods:
         raise Mistake(f"{options.out} holds no record and no run was given: give folders of runs that were tested")
@@ -53,6 +54,22 @@ def report(arguments: list[str]) -> None:
         plot_bands(learning_bands(clocked, by_clock=True), minutes, "minutes of training", "test return", seeds)
     plot_bands(reward_bands(methods), rewards, "environment step", "reward", episodes)
     print(page)
+
+
+def _recorded(out: Path) -> dict[Path, Record]:
+    """What a page's folder holds, by the folder of each run."""
+    return {path.parent: Record.load(path.parent) for path in sorted(out.glob("*/*/run.json"))}
+
+
+def _check_budgets(records: Iterable[Record]) -> None:
+    """Refuse a mean over runs of one method that differ in env or length."""
+    budgets: dict[str, set[str]] = {}
+    for run in records:
+        budget = f"{_config(run)['env_steps']:,} env steps of {_config(run)['env']}"
+        budgets.setdefault(run.method, set()).add(budget)
+    for method, of_method in budgets.items():
+        if len(of_method) > 1:
+            raise Mistake(f"{method} has runs of {' and of '.join(sorted(of_method))}: give each a page of its own")
 
 
 def _records_of(runs: Sequence[Path]) -> dict[str, Record]:

@@ -11,9 +11,11 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
 from stable_baselines3.common.utils import LinearSchedule
-from stable_baselines3.common.vec_env import SubprocVecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNormalize
 from tiny_models import POINT, assert_same, for_each_that_takes
 
+from sb3_bruno.diagnostics import diagnose
+from sb3_bruno.encoders import BrunoEncoder, Transitions
 from sb3_bruno_envs import MetaTask, TransitionObservation
 
 NOISE = {"mean": np.zeros(2), "sigma": 0.1 * np.ones(2)}
@@ -116,6 +118,12 @@ def test_envs_in_subprocesses(make_model):
         evaluate_policy(model, env, n_eval_episodes=2)
     finally:
         env.close()
+    taskless = SubprocVecEnv([lambda: TransitionObservation(gym.make("Pendulum-v1"))], start_method="fork")
+    try:
+        with pytest.raises(ValueError, match="no `task_space`"):
+            make_model(taskless)
+    finally:
+        taskless.close()
 
 
 class MatrixEnv(gym.Env):
@@ -133,9 +141,38 @@ class MatrixEnv(gym.Env):
         return self.np_random.uniform(-1.0, 1.0, (2, 3)), float(action.sum()), False, False, {}
 
 
+def matrix_env():
+    return TransitionObservation(MetaTask(gym.wrappers.TimeLimit(MatrixEnv(), 20)))
+
+
 @for_each_that_takes({}, {"use_sde": True})
 def test_matrices_of_float64(make_model, options):
-    env = TransitionObservation(MetaTask(gym.wrappers.TimeLimit(MatrixEnv(), 20)))
+    env = matrix_env()
     model = make_model(env, **options).learn(60)
     action, _ = model.predict(env.reset(seed=0)[0])
     assert env.action_space.contains(action)
+
+
+@pytest.mark.parametrize("normalize", [False, True])
+def test_what_is_believed_of_matrices(make_model, normalize):
+    env = DummyVecEnv([matrix_env])
+    env = VecNormalize(env, norm_reward=False, norm_obs_keys=["observation", "reward"]) if normalize else env
+    model = make_model(env, encoder_kwargs={"modelled": "both"}).learn(60)
+    rng = np.random.default_rng(0)
+    seen, actions, rewards, arrived = (rng.uniform(-1, 1, (5, 7, *one)) for one in ((2, 3), (2, 2), (1,), (2, 3)))
+    flat = [one.reshape(5, 7, -1) for one in (seen, actions, rewards, arrived)]
+    belief, of_flat = model.infer(Transitions(seen, actions, rewards, arrived)), model.infer(Transitions(*flat))
+    np.testing.assert_array_equal(belief.mean, of_flat.mean)
+    outcomes = model.predict_outcomes(belief, seen[:, 0], actions[:, 0], n_samples=50)
+    assert outcomes.rewards.shape == (50, 5, 1) and outcomes.next_observations.shape == (50, 5, 6)
+    vec_normalize = env if normalize else None
+    found = diagnose(model, matrix_env, np.zeros((1, 1)), n_episodes=2, vec_normalize=vec_normalize)
+    assert len(found.quantities) == 1 + 6 and found.pit.shape[-1] == 7
+
+
+def test_training_never_forgets(make_model, monkeypatch):
+    monkeypatch.setattr(BrunoEncoder, "log_bayes_factor", lambda *given: th.ones_like(given[-1].rewards[..., 0]))
+    for ratio in (0, 1):  # whether or not the running episodes are encoded again
+        model = make_model(policy_kwargs={"forget_threshold": 0.5}, encoder_update_ratio=ratio, learning_starts=5)
+        model.learn(25)
+        assert len(model._belief_state) == 4 and model._belief_state[0].item() == 24
