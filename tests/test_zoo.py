@@ -5,10 +5,8 @@ import signal
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 import pytest
 import torch as th
@@ -20,13 +18,12 @@ from sb3_bruno import BrunoSAC
 from sb3_bruno.adaptation_result import AdaptationResult
 from sb3_bruno.diagnostics_result import Diagnostics
 from sb3_bruno.eval_callback import load_learning_curve
-from sb3_bruno.video import record_tasks
 from sb3_bruno.zoo.cli import COMMANDS, main
 from sb3_bruno.zoo.configs import config_file, config_name, configs_folder
 from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.origin import ORIGIN, trained_at
 from sb3_bruno.zoo.registry import ALGORITHMS
-from sb3_bruno_envs import CHEETAH_VEL_TASKS, POINT_DIR_TASKS
+from sb3_bruno_envs import CHEETAH_VEL_TASKS
 
 CONFIGS = sorted(configs_folder().rglob("*.yml"))
 TINY = [
@@ -197,25 +194,6 @@ def test_what_sb3_writes_into_policy_kwargs_names_no_run_nor_does_where_its_conf
 )
 def test_a_config_is_called_the_same_on_every_machine(conf, name):
     assert config_name("sac", conf) == name
-
-
-def test_a_video_draws_the_belief_under_each_task(tmp_path):
-    model = BrunoSAC("MlpPolicy", "sb3_bruno_envs:PointDir-v0", seed=0)
-    make_env = partial(gym.make, "PointDir-v0", render_mode="rgb_array")
-    tasks = POINT_DIR_TASKS.tasks("test")
-    record_tasks(model, make_env, tasks, tmp_path / "two.mp4")
-    two = VideoFileClip(tmp_path / "two.mp4")
-    record_tasks(model, make_env, tasks[:1], tmp_path / "one.mp4")
-    one = VideoFileClip(tmp_path / "one.mp4")
-    assert (two.n_frames, two.fps) == (30, 10) and two.size[0] == 2 * one.size[0]
-    first, last = two.get_frame(0).astype(int), two.get_frame(2.8).astype(int)
-    height = two.size[1]
-    assert np.abs(first - last)[: height // 2].max() > 50  # the point moved
-    assert np.abs(first - last)[height // 2 :].max() > 50  # so did the cursor over the belief
-    with pytest.raises(ValueError, match="5 tasks"):
-        record_tasks(model, make_env, np.zeros((5, 2)), tmp_path / "five.mp4")
-    with pytest.raises(ValueError, match="rgb_array"):
-        record_tasks(model, partial(gym.make, "PointDir-v0"), tasks, tmp_path / "none.mp4")
 
 
 def test_learning_rates_fall_where_the_config_says_so(run, tmp_path, monkeypatch):
