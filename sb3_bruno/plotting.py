@@ -118,10 +118,12 @@ def plot_bands(
         note: what line and band are, written below.
         levels: by title, the oracle's return, a dashed line.
     """
+    names = dict.fromkeys(name for bands in panels.values() for name in bands)
+    colors = dict(zip(names, cycle(COLORS), strict=False))  # one name, one colour, in whichever panels it is
     figure, axes = _panels(list(panels))
     for (title, bands), panel in zip(panels.items(), axes, strict=True):
-        for (name, band), color in zip(bands.items(), cycle(COLORS), strict=False):
-            _draw(panel, band, name, color)
+        for name, band in bands.items():
+            _draw(panel, band, name, colors[name])
         if levels:
             panel.axhline(levels[title], color=INK, linestyle=(0, (5, 3)), label="oracle")
     _label(figure, axes, x, y, note)

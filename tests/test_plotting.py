@@ -11,7 +11,15 @@ import pytest
 
 from sb3_bruno.adaptation_result import AdaptationResult
 from sb3_bruno.eval_callback import LearningCurve
-from sb3_bruno.plotting import adaptation_band, learning_band, plot_adaptation, plot_learning_curves
+from sb3_bruno.plotting import (
+    COLORS,
+    Band,
+    adaptation_band,
+    learning_band,
+    plot_adaptation,
+    plot_bands,
+    plot_learning_curves,
+)
 
 NAN = np.nan
 
@@ -79,6 +87,14 @@ def test_many_tasks_or_different_ones_are_pooled(tmp_path: Path) -> None:
     assert "5 tasks" in texts(tmp_path / "many.svg")
     assert "2 tasks" in texts(tmp_path / "different.svg")
     assert texts(tmp_path / "curves.svg") >= {"5 tasks", "Line: mean. Band: lowest to highest episode."}
+
+
+def test_a_name_has_one_colour_in_all_panels(tmp_path: Path) -> None:
+    both, second = ({name: Band(*np.ones((4, 2))) for name in names} for names in (["x", "y"], ["y"]))
+    plot_bands({"a": both, "b": second}, tmp_path / "bands.svg", "step", "return", "")
+    panels = (tmp_path / "bands.svg").read_text(encoding="utf-8").lower().split('id="axes_')[1:]
+    drawn = [[color in panel for color in map(str.lower, COLORS[:2])] for panel in panels]
+    assert drawn == [[True, True], [False, True]]
 
 
 def test_matplotlibs_settings_are_left_alone(tmp_path: Path) -> None:
