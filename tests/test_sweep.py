@@ -18,7 +18,7 @@ from optuna.trial import TrialState
 from sb3_bruno.zoo.cli import main
 from sb3_bruno.zoo.configs import config_file
 from sb3_bruno.zoo.registry import register
-from sb3_bruno.zoo.sampler import NETS, convert_bruno, register_samplers, sample_bruno
+from sb3_bruno.zoo.sampler import NETS, convert_bruno, sample_bruno
 from sb3_bruno.zoo.sweep import (
     GIVEN_BACK,
     OWNER,
@@ -57,7 +57,6 @@ def settings(env="PointDir-v0", algo="bruno_sac", **config):
 def registered():
     """Our algorithms, environments and search space, as the command line registers them."""
     register()
-    register_samplers()
 
 
 @pytest.fixture(scope="module")

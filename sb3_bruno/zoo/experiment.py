@@ -12,6 +12,7 @@ import gymnasium as gym
 import rl_zoo3
 import yaml
 from rl_zoo3.exp_manager import ExperimentManager
+from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER
 from rl_zoo3.utils import SimpleLinearSchedule
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import EvalCallback
@@ -22,6 +23,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from sb3_bruno.eval_callback import TaskEvalCallback
 from sb3_bruno.resume import ResumeCallback, resume
 from sb3_bruno.zoo.configs import config_file, merged, read_configs
+from sb3_bruno.zoo.held_out import FRESH, HeldOut, hold_out
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.origin import save_origin
 
@@ -47,6 +49,7 @@ class TaskExperiment(ExperimentManager):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         kwargs["config"] = config_file(args[1], kwargs.get("config"))
         super().__init__(*args, **kwargs)
+        self._held_out: HeldOut | None = None  # in a search
         self._is_new = self.folder is None and not Path(self.save_path).exists()
         if self.folder is not None:
             self.save_path = str(self.folder)
@@ -58,13 +61,28 @@ class TaskExperiment(ExperimentManager):
         What is raised over a config is the user's to mend.
         """
         try:
-            config = read_configs(self.config).get(self.env_name.gym_id, {})
+            configs = read_configs(self.config)
+            config = configs.get(self.env_name.gym_id, configs.get("default", {}))
             given = self.custom_hyperparams or {}
+            if self.trial_id is not None:
+                given = merged(self._drawn_in_trial(merged(config, given).get("n_envs", 1)), given)
             self.custom_hyperparams = {name: merged(config, given)[name] for name in given}
             read: tuple[dict[str, Any], dict[str, Any]] = super().read_hyperparameters()
         except (ValueError, OSError, ImportError, yaml.YAMLError) as error:
             raise Mistake(str(error)) from error
         return read
+
+    def _drawn_in_trial(self, n_envs: int) -> dict[str, Any]:
+        """The hyperparameters of the trial that ``--trial-id`` names, also of one that ``sweep`` made."""
+        if self.storage is None or self.study_name is None:
+            raise Mistake(f"--trial-id {self.trial_id} is of a study: give its --storage and --study-name")
+        try:
+            drawn = self.load_trial(self.storage, self.study_name, self.trial_id, convert=False)
+            converted: dict[str, Any] = HYPERPARAMS_CONVERTER[self.algo]({**drawn, "n_envs": n_envs})
+        except (KeyError, IndexError) as error:
+            there = f"{self.study_name} in {self.storage}"
+            raise Mistake(f"--trial-id {self.trial_id}: {there} has no such trial with all its draws") from error
+        return converted
 
     @staticmethod
     def _preprocess_schedules(hyperparams: dict[str, Any]) -> dict[str, Any]:
@@ -91,6 +109,7 @@ class TaskExperiment(ExperimentManager):
                 shutil.rmtree(self.save_path, ignore_errors=True)  # it holds no result
             raise Mistake(str(error)) from error
         if results is None:
+            self._prepare_search()
             return None
         model, saved_hyperparams = results
         chosen = ["--seed", str(self.seed), "--checkpoint-freq", str(self.checkpoint_freq)]
@@ -104,6 +123,13 @@ class TaskExperiment(ExperimentManager):
                 if isinstance(callback, TaskEvalCallback):
                     callback.restore(model)
         return model, saved_hyperparams
+
+    def _prepare_search(self) -> None:
+        """Trials are judged on held-out training tasks and fresh seeds; what is drawn goes over the config."""
+        self._held_out = hold_out(self.env_name.gym_id, self.env_kwargs)
+        self.env_kwargs = self._held_out.train
+        self.n_eval_episodes = self._whole_cycles(self._held_out.n_tasks)
+        self._hyperparams = _Config(self._hyperparams)
 
     def learn(self, model: BaseAlgorithm) -> None:
         """As rl_zoo3; a run that is resumed learns for the env steps that are left."""
@@ -119,7 +145,7 @@ class TaskExperiment(ExperimentManager):
                 stock.eval_env,
                 callback_on_new_best=stock.callback,
                 best_model_save_path=self.save_path,
-                n_eval_episodes=self._whole_cycles(stock.eval_env),
+                n_eval_episodes=self._whole_cycles(self._n_test_tasks(stock.eval_env)),
                 log_path=self.save_path,
                 eval_freq=self.eval_freq,
                 deterministic=self.deterministic_eval,
@@ -135,17 +161,28 @@ class TaskExperiment(ExperimentManager):
             self.monitor_kwargs["override_existing"] = False
         if eval_env and self._eval_env_kwargs_args is None:
             self.eval_env_kwargs = self._test_env_kwargs()
-        return super().create_envs(n_envs, eval_env, no_log)
+        fresh = FRESH if eval_env and self._held_out is not None else 0
+        self.seed += fresh
+        try:
+            return super().create_envs(n_envs, eval_env, no_log)
+        finally:
+            self.seed -= fresh
 
     def _test_env_kwargs(self) -> dict[str, Any]:
-        """The training environment's, config included; of our environments, with each test task in turn."""
+        """The training environment's, config included; of our environments, with each test task in turn.
+
+        In a search, with each held-out training task in turn.
+        """
+        if self._held_out is not None:
+            return self._held_out.judge
         return {**self.env_kwargs, "split": "test", "draw": "cycle"} if self._is_ours() else self.env_kwargs
 
-    def _whole_cycles(self, eval_env: VecEnv) -> int:
-        """``n_eval_episodes``, rounded up until each environment goes through all its test tasks every time."""
-        if not self._is_ours():
-            return self.n_eval_episodes
-        n_a_cycle = len(eval_env.get_attr("task_distribution")[0].tasks("test")) * eval_env.num_envs
+    def _n_test_tasks(self, eval_env: VecEnv) -> int:
+        return len(eval_env.get_attr("task_distribution")[0].tasks("test")) if self._is_ours() else 1
+
+    def _whole_cycles(self, n_tasks: int) -> int:
+        """``n_eval_episodes``, rounded up until each environment goes through all its tasks every time."""
+        n_a_cycle = n_tasks * self.n_eval_envs
         return n_a_cycle * math.ceil(self.n_eval_episodes / n_a_cycle)
 
     def _is_ours(self) -> bool:
@@ -163,6 +200,16 @@ class TaskExperiment(ExperimentManager):
         kept = {key: value for key, value in hyperparams.items() if key not in ENCODER_ARGUMENTS}
         model: BaseAlgorithm = super()._load_pretrained_agent(kept, env)
         return model
+
+
+class _Config(dict[str, Any]):
+    """Hyperparameters that a trial's go over as ``-params`` do, in the two calls that rl_zoo3 makes of its dict."""
+
+    def copy(self) -> _Config:
+        return _Config(self)
+
+    def update(self, drawn: dict[str, Any]) -> None:  # type: ignore[override]  # all that is asked
+        super().update(merged(self, drawn))
 
 
 class _GoingOn:

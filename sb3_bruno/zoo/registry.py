@@ -5,9 +5,11 @@ from __future__ import annotations
 import importlib
 
 import rl_zoo3
+from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 import sb3_bruno
+from sb3_bruno.zoo.sampler import convert_bruno, sample_bruno
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
     "bruno_sac": sb3_bruno.BrunoSAC,
@@ -18,6 +20,11 @@ ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
 
 
 def register() -> None:
-    """Add our algorithms to rl_zoo3's, in place, before it builds its parsers, and our environments to Gymnasium's."""
+    """Add our algorithms and their search space to rl_zoo3's, in place, before it builds its parsers.
+
+    Our environments are added to Gymnasium's.
+    """
     importlib.import_module("sb3_bruno_envs")
     rl_zoo3.ALGOS.update(ALGORITHMS)
+    HYPERPARAMS_SAMPLER.update(dict.fromkeys(ALGORITHMS, sample_bruno))
+    HYPERPARAMS_CONVERTER.update(dict.fromkeys(ALGORITHMS, convert_bruno))

@@ -8,9 +8,6 @@ from __future__ import annotations
 from typing import Any
 
 import optuna
-from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
-
-from sb3_bruno.zoo.registry import ALGORITHMS
 
 NETS = {"small": [64, 64], "medium": [128, 128], "big": [256, 256]}
 ENCODER_KWARGS = ("flow_class", "extra_dims", "condition_on_next", "process", "objective")
@@ -67,9 +64,3 @@ def convert_bruno(sampled_params: dict[str, Any]) -> dict[str, Any]:
     if "n_envs" in drawn:
         arguments["gradient_steps"] = max(round(drawn["n_envs"] * 2.0 ** drawn["updates_per_step_pow"]), 1)
     return arguments
-
-
-def register_samplers() -> None:
-    """Tell rl_zoo3 of our search space, in place."""
-    HYPERPARAMS_SAMPLER.update(dict.fromkeys(ALGORITHMS, sample_bruno))
-    HYPERPARAMS_CONVERTER.update(dict.fromkeys(ALGORITHMS, convert_bruno))

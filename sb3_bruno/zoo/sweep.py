@@ -15,8 +15,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
-import numpy as np
 import optuna
 import psutil
 import rl_zoo3
@@ -37,7 +35,6 @@ SETTINGS = "settings"  # user attribute of a study: what every trial is made of
 GIVEN_BACK = "given_back"  # user attribute of a trial that was one too many
 COUNTED = (TrialState.COMPLETE, TrialState.PRUNED, TrialState.RUNNING)
 RETRIES = 3
-FRESH = 10_000  # added to the seed of the environments that a trial is judged on
 
 
 def open_storage(storage: str, heartbeat: int = 60) -> JournalStorage | RDBStorage:
@@ -113,13 +110,13 @@ class SweepExperiment(TaskExperiment):
             "logs",
             n_timesteps=settings["n_timesteps"],
             optimize_hyperparameters=True,
+            n_eval_episodes=10,
             n_evaluations=settings["n_evaluations"],
             seed=settings["seed"],
             verbose=0,
             device="cpu",
         )
         self.setup_experiment()
-        self._judged_on = self._hold_out()
 
     def read_hyperparameters(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Those that the study keeps: a worker on another machine has other files."""
@@ -129,16 +126,8 @@ class SweepExperiment(TaskExperiment):
         """A trial leaves no folder."""
 
     def create_envs(self, n_envs: int, eval_env: bool = False, no_log: bool = False) -> VecEnv:
-        """As rl_zoo3, without monitor files; a trial is judged on held-out tasks and fresh seeds."""
-        fresh = FRESH if eval_env else 0
-        self.seed += fresh
-        try:
-            return super().create_envs(n_envs, eval_env, no_log=True)
-        finally:
-            self.seed -= fresh
-
-    def _test_env_kwargs(self) -> dict[str, Any]:
-        return self._judged_on
+        """Without monitor files."""
+        return super().create_envs(n_envs, eval_env, no_log=True)
 
     def check(self) -> None:
         """Make a model once, so that a mistake shows before any worker starts."""
@@ -174,22 +163,6 @@ class SweepExperiment(TaskExperiment):
         if evaluate.is_pruned:
             raise optuna.TrialPruned
         return float(evaluate.last_mean_reward)
-
-    def _hold_out(self) -> dict[str, Any]:
-        """Keep the last fifth of ten or more training tasks for judging; fewer serve both, with fresh seeds."""
-        env = gym.make(self.env_name.gym_id, **self.env_kwargs)
-        tasks = env.get_wrapper_attr("task_distribution") if env.has_wrapper_attr("task_distribution") else None
-        env.close()
-        list_tasks = getattr(tasks, "tasks", None)  # endless tasks have no list
-        train = np.zeros((0, 0)) if list_tasks is None else list_tasks("train")
-        if len(train) < 10:
-            self.n_eval_episodes = 10 if len(train) == 0 else len(train) * -(-10 // len(train))
-            return {**self.env_kwargs, "draw": "cycle"} if len(train) else self.env_kwargs
-        n_held_out = len(train) // 5
-        self.n_eval_episodes = n_held_out
-        held_out = {**self.env_kwargs, "tasks": train[-n_held_out:], "draw": "cycle"}
-        self.env_kwargs = {**self.env_kwargs, "tasks": train[:-n_held_out]}
-        return held_out
 
 
 def this_process() -> dict[str, Any]:

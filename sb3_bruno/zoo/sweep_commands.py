@@ -19,7 +19,6 @@ from sb3_bruno.denormals import flushed_denormals
 from sb3_bruno.zoo.configs import config_file, merged, read_configs
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.parser import command_parser
-from sb3_bruno.zoo.sampler import register_samplers
 from sb3_bruno.zoo.sweep import (
     COUNTED,
     GIVEN_BACK,
@@ -42,7 +41,6 @@ def sweep(arguments: list[str]) -> None:
              sb3-bruno sweep best --storage sweep.log --study-name point --out best.yml
              sb3-bruno train --env PointDir-v0 -conf best.yml
     """
-    register_samplers()
     options = _parser().parse_args(arguments)
     options.command(options)
 
