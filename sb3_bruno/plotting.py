@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -24,6 +25,7 @@ Floats = NDArray[np.floating[Any]]
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito: for all eyes
 INK = "#404040"
+WIDEST = 44  # characters of a legend's line, as wide as a panel
 
 
 class Band(NamedTuple):
@@ -217,7 +219,8 @@ def style_panel(panel: Axes, title: str) -> None:
 def _draw(panel: Axes, band: Band, name: str, color: str) -> None:
     """Draw the line and its range; a lone point, which makes no line, as a dot."""
     panel.fill_between(band.x, band.low, band.high, color=color, alpha=0.18, linewidth=0)
-    panel.plot(band.x, band.mean, color=color, linewidth=1.8, marker="o" if len(band.x) == 1 else "", label=name)
+    marker, label = "o" if len(band.x) == 1 else "", fill(name, WIDEST, break_on_hyphens=False)
+    panel.plot(band.x, band.mean, color=color, linewidth=1.8, marker=marker, label=label)
 
 
 def _label(figure: Figure, panels: Sequence[Axes], x: str, y: str, note: str) -> None:

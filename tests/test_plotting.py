@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -95,6 +96,13 @@ def test_a_name_has_one_colour_in_all_panels(tmp_path: Path) -> None:
     panels = (tmp_path / "bands.svg").read_text(encoding="utf-8").lower().split('id="axes_')[1:]
     drawn = [[color in panel for color in map(str.lower, COLORS[:2])] for panel in panels]
     assert drawn == [[True, True], [False, True]]
+
+
+def test_a_long_name_leaves_room_for_the_lines(tmp_path: Path) -> None:
+    name = "bruno_sac (" + ", ".join(f"argument_{n}=value" for n in range(6)) + ")"
+    with warnings.catch_warnings(action="error"):  # matplotlib warns when a legend leaves no room for its panel
+        plot_bands({"a": {name: Band(*np.ones((4, 2)))}}, tmp_path / "bands.svg", "step", "return", "")
+    assert "bruno_sac (argument_0=value," in texts(tmp_path / "bands.svg")
 
 
 def test_matplotlibs_settings_are_left_alone(tmp_path: Path) -> None:

@@ -31,6 +31,7 @@ from sb3_bruno.zoo.sweep import (
     open_storage,
     this_process,
 )
+from sb3_bruno.zoo.sweep_commands import PATIENCE
 
 TINY = ["n_envs:2", "learning_starts:60", "encoder_learning_starts:30", "buffer_size:2000"]
 RUN = "import sys; from sb3_bruno.zoo.cli import main; main(['sweep', 'run', *sys.argv[1:]])"
@@ -225,6 +226,38 @@ def test_an_error_of_a_trial_is_no_pruned_trial():
     experiment._hyperparams["critic_input"] = "nothing"  # a ValueError, which rl_zoo3 would count as pruned
     study.optimize(experiment.objective, n_trials=1, catch=(Exception,))
     assert [trial.state for trial in study.trials] == [TrialState.FAIL]
+
+
+@pytest.mark.parametrize("algo", ["sac", "td3"])
+def test_a_search_space_of_rl_zoos_own_is_searched_too(algo, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    chosen = ["--storage", "x.log", "--study-name", "s"]
+    small = ["n_envs:1", "learning_starts:60", "buffer_size:2000"]
+    env = ["--algo", algo, "--env", "Pendulum-v1", "-n", "120"]
+    main(["sweep", "init", *chosen, *env, "--n-evaluations", "1", "-params", *small])
+    load_study("x.log", "s").enqueue_trial({"batch_size_pow": 4, "noise_type": None} if algo == "td3" else {})
+    main(["sweep", "run", *chosen, "--max-total-trials", "1"])
+    main(["sweep", "best", *chosen])
+    main(["train", *env, "-conf", "best.yml", "--eval-freq", "-1"])
+    assert (tmp_path / "logs" / algo / "Pendulum-v1_1" / "Pendulum-v1.zip").is_file()
+
+
+def test_a_worker_gives_up_when_every_trial_fails(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    init("x.log", "s")
+    plain, tried = SweepExperiment.objective, []
+
+    def fail(self, trial):
+        tried.append(trial.number)
+        if len(tried) == 3:
+            return plain(self, trial)
+        raise RuntimeError("no disk")
+
+    monkeypatch.setattr(SweepExperiment, "objective", fail)
+    with pytest.raises(SystemExit, match=f"{PATIENCE} trials failed one after another"):
+        main(["sweep", "run", "--storage", "x.log", "--study-name", "s"])
+    assert len(tried) == 3 + PATIENCE
+    assert "1 complete" in capsys.readouterr().out
 
 
 def test_drawn_values_are_those_that_parameters_convert_to():

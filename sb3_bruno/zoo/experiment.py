@@ -100,6 +100,15 @@ class TaskExperiment(ExperimentManager):
             for name, value in read.items()
         }
 
+    def _preprocess_action_noise(
+        self, hyperparams: dict[str, Any], saved_hyperparams: dict[str, Any], env: VecEnv
+    ) -> dict[str, Any]:
+        """As rl_zoo3, whose search may draw that there is no noise, which it does not understand then."""
+        if "noise_type" in hyperparams and hyperparams["noise_type"] is None:
+            hyperparams = {name: one for name, one in hyperparams.items() if name not in ("noise_type", "noise_std")}
+        without: dict[str, Any] = super()._preprocess_action_noise(hyperparams, saved_hyperparams, env)
+        return without
+
     def setup_experiment(self) -> tuple[BaseAlgorithm, dict[str, Any]] | None:
         """As rl_zoo3; a run that is resumed gets the model of its checkpoint."""
         try:

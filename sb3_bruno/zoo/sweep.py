@@ -24,6 +24,7 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 from rl_zoo3.callbacks import TrialEvalCallback
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_SAMPLER
+from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.zoo.configs import merged
@@ -145,7 +146,7 @@ class SweepExperiment(TaskExperiment):
         What a trial raises is the trial's error: it fails, and is not pruned.
         """
         trial.set_user_attr(OWNER, this_process())
-        drawn = HYPERPARAMS_SAMPLER[self.algo](trial, self.n_actions, self.n_envs, {})
+        drawn = HYPERPARAMS_SAMPLER[self.algo](trial, self.n_actions, self.n_envs, self._additional_args())
         env, eval_env = self.create_envs(self.n_envs), self.create_envs(1, eval_env=True)
         try:
             hyperparams = merged(self._hyperparams, drawn)
@@ -163,6 +164,13 @@ class SweepExperiment(TaskExperiment):
         if evaluate.is_pruned:
             raise optuna.TrialPruned
         return float(evaluate.last_mean_reward)
+
+    def _additional_args(self) -> dict[str, Any]:
+        """What rl_zoo3's search spaces ask for besides."""
+        return {
+            "using_her_replay_buffer": self._hyperparams.get("replay_buffer_class") is HerReplayBuffer,
+            "her_kwargs": self._hyperparams.get("replay_buffer_kwargs", {}),
+        }
 
 
 def this_process() -> dict[str, Any]:

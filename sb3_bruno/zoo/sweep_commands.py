@@ -31,6 +31,8 @@ from sb3_bruno.zoo.sweep import (
     requeue_lost_trials,
 )
 
+PATIENCE = 5  # trials that may fail one after another before a worker gives up
+
 
 def sweep(arguments: list[str]) -> None:
     """Search hyperparameters with Optuna, by any number of workers on one machine or many.
@@ -98,8 +100,12 @@ def run(options: argparse.Namespace) -> None:
         tell_of_lost_trials(study)
         return len(study.get_trials(deepcopy=False, states=COUNTED)) >= (options.max_total_trials or float("inf"))
 
-    def stop_when_done(study: optuna.Study, _: optuna.trial.FrozenTrial) -> None:
-        if is_done():
+    n_failed = 0  # one after another
+
+    def stop_when_done(study: optuna.Study, trial: optuna.trial.FrozenTrial) -> None:
+        nonlocal n_failed
+        n_failed = n_failed + 1 if trial.state == TrialState.FAIL and GIVEN_BACK not in trial.user_attrs else 0
+        if is_done() or n_failed == PATIENCE:
             study.stop()
 
     if not is_done():
@@ -111,6 +117,8 @@ def run(options: argparse.Namespace) -> None:
             gc_after_trial=True,
         )
     status(options)
+    if n_failed == PATIENCE:
+        raise Mistake(f"{PATIENCE} trials failed one after another, for the reason above: mend it and start again")
 
 
 def status(options: argparse.Namespace) -> None:
