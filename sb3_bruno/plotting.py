@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.floating[Any]]
 
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito: for all eyes
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # Okabe and Ito: for all eyes
 INK = "#404040"
 WIDEST = 44  # characters of a legend's line, as wide as a panel
 
