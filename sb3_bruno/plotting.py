@@ -25,7 +25,7 @@ Floats = NDArray[np.floating[Any]]
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # Okabe and Ito: for all eyes
 INK = "#404040"
-WIDEST = 44  # characters of a legend's line, as wide as a panel
+WIDEST = 44  # characters of the legend that a panel has room for above it
 
 
 class Band(NamedTuple):
@@ -40,8 +40,8 @@ class Band(NamedTuple):
 def plot_adaptation(results: Mapping[str, AdaptationResult], path: str | Path) -> None:
     """Draw the reward at each environment step: the mean over episodes, and the range.
 
-    Up to four tasks get a panel each, if all results share them; otherwise they are pooled. The legend tells
-    the mean return.
+    Up to four tasks get a panel each, if all results share them; otherwise they are pooled. A panel's title tells
+    the mean returns, in the order of the legend.
 
     Args:
         results: by the name to show in the legend.
@@ -58,9 +58,8 @@ def plot_adaptation(results: Mapping[str, AdaptationResult], path: str | Path) -
     panels: dict[str, dict[str, Band]] = {}
     for number, title in enumerate([_pooled_title(tasks)] if pooled else map(task_title, tasks)):
         rows = slice(None) if pooled else slice(number, number + 1)
-        for name, result in results.items():
-            legend = f"{name}, return {result.mean_return()[rows].mean():.1f}"
-            panels.setdefault(title, {})[legend] = adaptation_band(result, rows)
+        returns = ", ".join(f"{result.mean_return()[rows].mean():.1f}" for result in results.values())
+        panels[f"{title}: return {returns}"] = {name: adaptation_band(one, rows) for name, one in results.items()}
     plot_bands(panels, path, "environment step", "reward", "Line: mean. Band: lowest to highest episode.")
 
 
@@ -129,6 +128,7 @@ def plot_bands(
         if levels:
             panel.axhline(levels[title], color=INK, linestyle=(0, (5, 3)), label="oracle")
     _label(figure, axes, x, y, note)
+    _add_legend(figure, axes)
     figure.savefig(path, dpi=150)
 
 
@@ -219,18 +219,29 @@ def style_panel(panel: Axes, title: str) -> None:
 def _draw(panel: Axes, band: Band, name: str, color: str) -> None:
     """Draw the line and its range; a lone point, which makes no line, as a dot."""
     panel.fill_between(band.x, band.low, band.high, color=color, alpha=0.18, linewidth=0)
-    marker, label = "o" if len(band.x) == 1 else "", fill(name, WIDEST, break_on_hyphens=False)
-    panel.plot(band.x, band.mean, color=color, linewidth=1.8, marker=marker, label=label)
+    marker = "o" if len(band.x) == 1 else ""
+    panel.plot(band.x, band.mean, color=color, linewidth=1.8, marker=marker, label=name)
 
 
 def _label(figure: Figure, panels: Sequence[Axes], x: str, y: str, note: str) -> None:
-    """Name the axes, add the legends, and say below what line and band are."""
+    """Name the axes, and say below what line and band are."""
     from matplotlib.ticker import EngFormatter
 
     for panel in panels:
         panel.set_xlabel(x, fontsize=12, color=INK)
         panel.xaxis.set_major_formatter(EngFormatter(sep=""))  # 200k, 1.5M
         panel.margins(x=0.01)
-        panel.legend(fontsize=11, frameon=False, labelcolor=INK)
     panels[0].set_ylabel(y, fontsize=12, color=INK)
     figure.supxlabel(note, fontsize=9.5, color="#7A7A7A")
+
+
+def _add_legend(figure: Figure, panels: Sequence[Axes]) -> None:
+    """Put one legend of all panels above them, where it hides no line, and let the figure grow by it."""
+    lines = {name: line for panel in panels for line, name in zip(*panel.get_legend_handles_labels(), strict=True)}
+    room = WIDEST * len(panels)
+    names = [fill(name, room, break_on_hyphens=False) for name in lines]
+    n_columns = max(room // (max(map(len, lines)) + 8), 1)  # a sample of a line is as wide as some eight characters
+    n_rows = max(sum(name.count("\n") + 1 for name in names[first::n_columns]) for first in range(n_columns))
+    figure.set_figheight(figure.get_figheight() + 0.23 * n_rows)  # inches
+    where = {"loc": "outside upper left", "ncols": n_columns}
+    figure.legend(list(lines.values()), names, **where, fontsize=11, frameon=False, labelcolor=INK)

@@ -71,9 +71,9 @@ def test_few_tasks_get_a_panel_each(tmp_path: Path) -> None:
     curve = curve_of([[1, 2], [3, 4]], [0.0, 1.0])
     plot_learning_curves({"RL2": [curve, curve]}, tmp_path / "curves.svg", oracle={"0": 5.0, "1": 6.0})
     assert texts(tmp_path / "few.svg") >= {
-        "task (1, 0)",
-        "task (0, 1)",
-        "BrunoSAC, return 20.0",
+        "task (1, 0): return 20.0, 20.0",
+        "task (0, 1): return 20.0, 20.0",
+        "BrunoSAC",
         "environment step",
     }
     assert texts(tmp_path / "curves.svg") >= {"task 0", "task 1", "RL2", "oracle", "test return"}
@@ -85,17 +85,33 @@ def test_many_tasks_or_different_ones_are_pooled(tmp_path: Path) -> None:
     two, others = (AdaptationResult(np.array([[t], [9.0]]), np.ones((2, 1, 3))) for t in (0.0, 1.0))
     plot_adaptation({"one": two, "other": others}, tmp_path / "different.svg")
     plot_learning_curves({"x": curve_of([range(5)], range(5))}, tmp_path / "curves.svg", oracle=5.0)
-    assert "5 tasks" in texts(tmp_path / "many.svg")
-    assert "2 tasks" in texts(tmp_path / "different.svg")
+    assert "5 tasks: return 20.0" in texts(tmp_path / "many.svg")
+    assert "2 tasks: return 3.0, 3.0" in texts(tmp_path / "different.svg")
     assert texts(tmp_path / "curves.svg") >= {"5 tasks", "Line: mean. Band: lowest to highest episode."}
 
 
 def test_a_name_has_one_colour_in_all_panels(tmp_path: Path) -> None:
     both, second = ({name: Band(*np.ones((4, 2))) for name in names} for names in (["x", "y"], ["y"]))
     plot_bands({"a": both, "b": second}, tmp_path / "bands.svg", "step", "return", "")
-    panels = (tmp_path / "bands.svg").read_text(encoding="utf-8").lower().split('id="axes_')[1:]
+    before_legend = (tmp_path / "bands.svg").read_text(encoding="utf-8").lower().split('id="legend_')[0]
+    panels = before_legend.split('id="axes_')[1:]
     drawn = [[color in panel for color in map(str.lower, COLORS[:2])] for panel in panels]
     assert drawn == [[True, True], [False, True]]
+
+
+def test_a_method_has_one_colour_whatever_it_returns_on_each_task(tmp_path: Path) -> None:
+    result = AdaptationResult(np.array([[0.0], [1.0]]), np.arange(12.0).reshape(2, 2, 3))
+    plot_adaptation({"x": result}, tmp_path / "x.svg")
+    drawn = (tmp_path / "x.svg").read_text(encoding="utf-8").lower()
+    assert [color.lower() in drawn for color in COLORS[:2]] == [True, False]
+
+
+def test_one_legend_of_all_panels_stands_above_them(tmp_path: Path) -> None:
+    bands = [{name: Band(*np.ones((4, 2))) for name in names} for names in ("xy", "yz")]
+    plot_bands(dict(zip("ab", bands, strict=True)), tmp_path / "bands.svg", "step", "return", "")
+    groups = (tmp_path / "bands.svg").read_text(encoding="utf-8").split('<g id="')
+    assert [group[: group.index('"')] for group in groups if group.startswith("legend_")] == ["legend_1"]
+    assert [[f"<!-- {name} -->" in group for group in groups].count(True) for name in "xyz"] == [1, 1, 1]
 
 
 def test_a_long_name_leaves_room_for_the_lines(tmp_path: Path) -> None:
