@@ -243,5 +243,6 @@ def _add_legend(figure: Figure, panels: Sequence[Axes]) -> None:
     n_columns = max(room // (max(map(len, lines)) + 8), 1)  # a sample of a line is as wide as some eight characters
     n_rows = max(sum(name.count("\n") + 1 for name in names[first::n_columns]) for first in range(n_columns))
     figure.set_figheight(figure.get_figheight() + 0.23 * n_rows)  # inches
-    where = {"loc": "outside upper left", "ncols": n_columns}
-    figure.legend(list(lines.values()), names, **where, fontsize=11, frameon=False, labelcolor=INK)
+    handles = list(lines.values())
+    look = {"fontsize": 11, "frameon": False, "labelcolor": INK}
+    figure.legend(handles, names, loc="outside upper left", ncols=n_columns, **look)

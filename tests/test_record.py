@@ -13,6 +13,7 @@ from sb3_bruno.adaptation_result import AdaptationResult
 from sb3_bruno.interquartile import interquartile_mean
 from sb3_bruno.record import Record
 from sb3_bruno.zoo import main
+from sb3_bruno.zoo.report import by_method
 
 DIRECTIONS = np.array([[1.0, 0.0], [0.0, 1.0]])
 
@@ -81,6 +82,16 @@ def test_the_interval_holds_the_interquartile_mean() -> None:
     assert found.value == pytest.approx(np.mean([3, 4, 5, 6]))
     assert 1 < found.low < found.value < found.high < 8
     assert interquartile_mean(scores) == found
+
+
+def test_every_mean_over_seeds_is_interquartile(tmp_path: Path) -> None:
+    seeds = (1, 2, 3, 4, 100)  # of which the middle three count
+    records = [Record.from_run(run_folder(tmp_path / str(seed), seed)) for seed in seeds]
+    for seed, record in zip(seeds, records, strict=True):
+        record.about["steps_to_90"] = {"1_0": seed, "0_1": 3 * seed}
+    *_, all_tasks, first, second, lowest, steps, _ = by_method({"bruno_sac": records})[2].split(" | ")
+    assert all_tasks.startswith("490.0 (") and (first, second) == ("350.0", "630.0"), "after 210 steps"
+    assert lowest == "-210" and steps == "6.0"
 
 
 def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monkeypatch) -> None:

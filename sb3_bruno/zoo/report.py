@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sb3_bruno.interquartile import interquartile_mean
+from sb3_bruno.interquartile import Interval, interquartile_mean
 from sb3_bruno.plotting import Band, plot_bands, task_title
 from sb3_bruno.record import Record
 from sb3_bruno.zoo.mistake import Mistake
@@ -88,7 +88,7 @@ def _records_of(runs: Sequence[Path]) -> dict[str, Record]:
 
 
 def by_method(methods: Methods) -> list[str]:
-    """The interquartile mean over seeds of the mean return over the tasks; the lowest episode of all beside it."""
+    """The interquartile mean over seeds of each measure's mean over the tasks; the lowest episode of all beside it."""
     measures = _measures(methods)
     parts = {part: tasks for run in _all(methods) for part, tasks in run.parts().items()}
     columns = [_column(one) for one in measures] + [f"{_column(measures[-1])}, {part}" for part in parts]
@@ -96,14 +96,14 @@ def by_method(methods: Methods) -> list[str]:
     for name, runs in methods.items():
         cells = [name, str(len(runs)), f"{_config(runs[0])['env_steps']:,}"]
         for measure in measures:
-            scores = np.array([[run.scores(measure).mean()] for run in runs])
-            value, low, high = interquartile_mean(scores)
+            value, low, high = _over_seeds([run.scores(measure).mean() for run in runs])
             cells.append(f"{value:.1f} ({low:.1f} to {high:.1f})" if len(runs) > 1 else f"{value:.1f}")
         for tasks in parts.values():
             found = [run.scores(measures[-1]).reindex(tasks).mean() for run in runs]
-            cells.append("" if np.isnan(found).any() else f"{np.mean(found):.1f}")
+            cells.append("" if np.isnan(found).any() else f"{_over_seeds(found).value:.1f}")
         cells.append(f"{min(run.episodes[measures[-1]].min() for run in runs):.0f}")
-        cells.append(f"{np.mean([np.mean(list(run.about['steps_to_90'].values())) for run in runs]):.1f}")
+        steps = [float(np.mean(list(run.about["steps_to_90"].values()))) for run in runs]
+        cells.append(f"{_over_seeds(steps).value:.1f}")
         cells.append(" / ".join(_minutes(run) for run in runs))
         lines.append(_row(cells))
     return lines
@@ -131,9 +131,14 @@ def provenance(methods: Methods) -> list[str]:
     names = ("python", "torch", "stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "zuko")
     return [
         f"Final test: deterministic unless called stochastic, mean over the {tasks} that a method was given; by method "
-        "the interquartile mean over seeds of that, with the 95 % interval of the bootstrap over seeds.",
+        "the interquartile mean over seeds of that, which is the mean where they are three or fewer, with the 95 % "
+        "interval of the bootstrap over seeds; so are parts and steps, and the lowest episode is that of all seeds.",
         "Versions: " + ", ".join(f"{name} {versions[name]}" for name in names if name in versions) + ".",
     ]
+
+
+def _over_seeds(means: Sequence[float]) -> Interval:
+    return interquartile_mean(np.array(means)[:, None])
 
 
 def learning_bands(methods: Methods, *, by_clock: bool = False) -> dict[str, dict[str, Band]]:
