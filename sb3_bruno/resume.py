@@ -6,7 +6,6 @@ import io
 import os
 import pathlib
 import random
-import tempfile
 import warnings
 from typing import Any
 
@@ -16,9 +15,9 @@ import torch as th
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import GymEnv
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+from stable_baselines3.her.her_replay_buffer import HerReplayBuffer
 
-from sb3_bruno.env_state import EnvState, restore_envs, save_envs
+from sb3_bruno.env_state import EnvState, restore_envs, restore_wrappers, save_envs
 from sb3_bruno.task_inference import TaskInference
 
 
@@ -66,34 +65,29 @@ class ResumeCallback(BaseCallback):
 
 
 def save_checkpoint(model: OffPolicyAlgorithm, path: str | pathlib.Path) -> None:
-    """Save model, optimisers, replay buffer, VecNormalize, counters, random states, beliefs and envs to one file.
+    """Save model, optimisers, replay buffer, counters, random states, beliefs, envs and their wrappers to one file.
 
     :param model: a model that is at the start of a rollout
     :param path: the file; an older one there stays whole until the new one takes its place
     """
     path = pathlib.Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
+    assert model.env is not None  # it is at the start of a rollout
     archive = io.BytesIO()
     model.save(archive)
     checkpoint = {
         "class": type(model),
         "model": archive.getvalue(),
         "replay_buffer": model.replay_buffer,
-        "vec_normalize": model.get_vec_normalize_env(),
         "random": _random_states(model),
         "envs": save_envs(model.env),
     }
-    if model.get_vec_normalize_env() is not None:
-        checkpoint["returns"] = model.get_vec_normalize_env().returns  # type: ignore[union-attr]  # not None
-    with tempfile.NamedTemporaryFile(dir=path.parent, prefix=path.name, delete=False) as file:
-        try:
-            cloudpickle.dump(checkpoint, file)
-            file.flush()
-            os.fsync(file.fileno())
-            os.replace(file.name, path)
-        except BaseException:
-            os.unlink(file.name)
-            raise
+    unfinished = path.with_name(path.name + ".tmp")  # one a kill left behind is overwritten
+    with open(unfinished, "wb") as file:
+        cloudpickle.dump(checkpoint, file)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(unfinished, path)
 
 
 def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "auto") -> OffPolicyAlgorithm:
@@ -102,7 +96,7 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
     With the same total of env steps the run equals the uninterrupted one, bit for bit on the same machine (gSDE's
     exploration matrix and correlated action noise excepted: they are drawn anew). Envs whose state cannot be saved
     go on with a new episode, which a warning says. Monitors write to the files of ``env``; where these were opened
-    with ``override_existing=False``, rows written after the checkpoint are cut off.
+    with ``override_existing=False``, rows written after the checkpoint are cut off, but for those of a SubprocVecEnv.
 
     Example: a run of 100,000 steps goes on with
 
@@ -110,28 +104,29 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
         >>> model.learn(100_000 - model.num_timesteps, ResumeCallback("run/checkpoint.pkl"), reset_num_timesteps=False)
 
     :param path: the checkpoint file
-    :param env: envs made as they were for the first start; a VecNormalize around them may be left out
+    :param env: envs made and wrapped as they were for the first start; an outermost VecNormalize may be left out
     :param device: PyTorch device
     :return: the model, at the start of a rollout
     :raises FileNotFoundError: if there is no checkpoint at ``path``
-    :raises ValueError: if ``env`` has another number of envs than the checkpoint
+    :raises ValueError: if ``env`` has other wrappers, or another number of envs or Monitors, than the checkpoint
     """
     with open(path, "rb") as file:
         checkpoint = cloudpickle.load(file)
+    buffer, state = checkpoint["replay_buffer"], checkpoint["envs"]
+    assert isinstance(state, EnvState)  # for mypy
     vec_env = OffPolicyAlgorithm._wrap_env(env)
-    if checkpoint["vec_normalize"] is not None:
-        vec_env = _renew_vec_normalize(checkpoint["vec_normalize"], checkpoint["returns"], vec_env)
+    if vec_env.num_envs != buffer.n_envs:
+        raise ValueError(f"`env` has {vec_env.num_envs} envs, the checkpoint {buffer.n_envs}: make as many.")
+    vec_env = restore_wrappers(vec_env, state.wrappers)
     model: OffPolicyAlgorithm = checkpoint["class"].load(
         io.BytesIO(checkpoint["model"]), env=vec_env, device=device, force_reset=False
     )
-    buffer = checkpoint["replay_buffer"]
-    if vec_env.num_envs != buffer.n_envs:
-        raise ValueError(f"`env` has {vec_env.num_envs} envs, the checkpoint {buffer.n_envs}: make as many.")
     buffer.device = model.device
     model.replay_buffer = buffer
     if isinstance(model, TaskInference):
         model.bind_buffer()
-    state: EnvState = checkpoint["envs"]
+    elif isinstance(buffer, HerReplayBuffer):
+        buffer.set_env(vec_env)
     restore_envs(vec_env, state)
     if state.envs is None:
         warnings.warn(f"The run goes on with a new episode, because {state.missing_because}.", stacklevel=2)
@@ -139,12 +134,6 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
         vec_env.seed((model.seed or 0) + model.num_timesteps)  # or the run's first episodes would come again
     _set_random_states(model, checkpoint["random"])
     return model
-
-
-def _renew_vec_normalize(saved: VecNormalize, returns: np.ndarray, vec_env: VecEnv) -> VecNormalize:
-    saved.set_venv(vec_env.venv if isinstance(vec_env, VecNormalize) else vec_env)
-    saved.returns = returns
-    return saved
 
 
 def _random_states(model: OffPolicyAlgorithm) -> dict[str, Any]:

@@ -13,11 +13,19 @@ import pytest
 import torch as th
 import zuko
 from gymnasium.utils import EzPickle
-from stable_baselines3 import PPO, SAC
+from stable_baselines3 import PPO, SAC, HerReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.envs import BitFlippingEnv
 from stable_baselines3.common.monitor import Monitor, load_results
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    SubprocVecEnv,
+    VecCheckNan,
+    VecFrameStack,
+    VecMonitor,
+    VecNormalize,
+)
 
 from sb3_bruno import BrunoSAC
 from sb3_bruno.resume import ResumeCallback, resume
@@ -47,6 +55,10 @@ def trials():
 
 def normalized():
     return VecNormalize(point(), gamma=0.9)
+
+
+def watched():
+    return VecMonitor(VecNormalize(DummyVecEnv([lambda: gym.make("sb3_bruno_envs:PointDir-v0")] * 3)))
 
 
 class Die(BaseCallback):
@@ -90,7 +102,9 @@ def scramble_random_states():
 
 
 @pytest.mark.parametrize(
-    "make_env", [point, trials, normalized, lambda: point(1)], ids=["plain", "trials", "VecNormalize", "one env"]
+    "make_env",
+    [point, trials, normalized, watched, lambda: point(1)],
+    ids=["plain", "trials", "VecNormalize", "VecMonitor", "one env"],
 )
 @pytest.mark.parametrize("died_at", [75, 170])
 def test_a_resumed_run_equals_the_uninterrupted_one(tmp_path, make_env, died_at):
@@ -122,6 +136,41 @@ def test_sb3s_own_algorithms_are_resumed_alike(tmp_path):
     resumed.learn(STEPS - resumed.num_timesteps, reset_num_timesteps=False)
     for one, two in zip(_tensors(whole.get_parameters()), _tensors(resumed.get_parameters()), strict=True):
         assert th.equal(one, two)
+
+
+def test_frames_are_stacked_on(tmp_path):
+    def make_env():
+        return VecFrameStack(point(env_kwargs={"observe": "plain"}), 3)
+
+    settings = {key: value for key, value in SETTINGS.items() if not key.startswith(("encoder", "replay"))}
+    whole = SAC("MlpPolicy", make_env(), **settings).learn(STEPS)
+    SAC("MlpPolicy", make_env(), **settings).learn(170, ResumeCallback(tmp_path / "checkpoint.pkl", 160))
+    resumed = resume(tmp_path / "checkpoint.pkl", make_env())
+    resumed.learn(STEPS - resumed.num_timesteps, reset_num_timesteps=False)
+    np.testing.assert_array_equal(whole.replay_buffer.observations, resumed.replay_buffer.observations)
+
+
+@pytest.mark.parametrize("make_env", [normalized, point])
+def test_a_vec_normalize_may_be_left_out_and_nothing_else(tmp_path, make_env):
+    path = tmp_path / "checkpoint.pkl"
+    model = BrunoSAC("MlpPolicy", normalized(), **SETTINGS).learn(90, ResumeCallback(path, 60))
+    resumed = resume(path, make_env())
+    assert resumed.get_vec_normalize_env().gamma == 0.9
+    resumed.learn(model.num_timesteps - resumed.num_timesteps, reset_num_timesteps=False)
+    np.testing.assert_array_equal(resumed.env.returns, model.env.returns)
+    for wrong in (VecMonitor(point()), VecMonitor(normalized())):
+        with pytest.raises(ValueError, match=r"wrapped in \['VecMonitor'.*, the checkpoint's in \['VecNormalize'\]"):
+            resume(path, wrong)
+
+
+def test_hindsight_goes_on(tmp_path):
+    def make_env():
+        return DummyVecEnv([lambda: Monitor(BitFlippingEnv(n_bits=2, continuous=True))])
+
+    kwargs = {"learning_starts": 10, "batch_size": 8, "replay_buffer_class": HerReplayBuffer}
+    SAC("MultiInputPolicy", make_env(), **kwargs).learn(60, ResumeCallback(tmp_path / "checkpoint.pkl", 40))
+    resumed = resume(tmp_path / "checkpoint.pkl", make_env())
+    assert resumed.learn(20, reset_num_timesteps=False).num_timesteps >= 60
 
 
 def test_monitor_files_go_on_where_the_checkpoint_was_taken(tmp_path):
@@ -184,7 +233,8 @@ def test_a_kill_at_any_moment_leaves_a_whole_checkpoint(tmp_path):
         process.wait()
     model = resume(path, point())
     assert model.num_timesteps > 0
-    model.learn(60, reset_num_timesteps=False)
+    model.learn(60, ResumeCallback(path, 30), reset_num_timesteps=False)
+    assert list(tmp_path.iterdir()) == [path], "what the kill left unfinished is written over"
 
 
 def test_envs_whose_state_is_lost_go_on_with_a_new_episode_and_say_so(tmp_path):
@@ -234,6 +284,18 @@ def test_an_env_that_cannot_be_pickled_goes_on_with_new_episodes(tmp_path):
     assert steps > 0 and not np.array_equal(*starts), "nor with the run's first one"
 
 
+def test_a_wrapper_that_cannot_be_pickled_has_new_episodes_begin(tmp_path):
+    def make_env():
+        env = VecCheckNan(point())
+        env.unpicklable = (one for one in ())
+        return env
+
+    path = tmp_path / "checkpoint.pkl"
+    BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(90, ResumeCallback(path, 40))
+    with pytest.warns(UserWarning, match="new episode, because VecCheckNan cannot be pickled"):
+        resume(path, make_env()).learn(30, reset_num_timesteps=False)
+
+
 @pytest.mark.parametrize("wrapper", [gym.Wrapper, EzPickled])
 def test_the_time_between_kill_and_resumption_is_not_counted(tmp_path, monkeypatch, wrapper):
     def make_env():
@@ -257,3 +319,5 @@ def test_mistakes_are_named(tmp_path):
     BrunoSAC("MlpPolicy", point(), **SETTINGS).learn(90, ResumeCallback(tmp_path / "checkpoint.pkl", 40))
     with pytest.raises(ValueError, match="2 envs, the checkpoint 3"):
         resume(tmp_path / "checkpoint.pkl", point(2))
+    with pytest.raises(ValueError, match="0 Monitors, the checkpoint 3"):
+        resume(tmp_path / "checkpoint.pkl", DummyVecEnv([lambda: gym.make("sb3_bruno_envs:PointDir-v0")] * 3))
