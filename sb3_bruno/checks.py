@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.buffers import TaskReplayBuffer
+from sb3_bruno.encoders import TaskEncoder
 from sb3_bruno.policies import TaskInferencePolicy
 
 WRAP = "wrap the env in `sb3_bruno_envs.MetaTask` and then in `sb3_bruno_envs.TransitionObservation`"
@@ -68,7 +70,37 @@ def check_algorithm(model: OffPolicyAlgorithm, encoder_batch_size: int, encoder_
         raise ValueError(f"`encoder_batch_size` must be at least 1, got {encoder_batch_size}.")
     if not encoder_update_ratio >= 0:
         raise ValueError(f"`encoder_update_ratio` must not be negative, got {encoder_update_ratio}.")
+    _check_loaded(model)
     _check_spaces(model.observation_space, model.action_space)
+
+
+def check_buffer(buffer: ReplayBuffer | None, n_envs: int, encoder: TaskEncoder) -> None:
+    """Refuse a replay buffer that the algorithm or its encoder cannot work with.
+
+    :raises ValueError: if it is no ``TaskReplayBuffer``, holds transitions of another number of envs, or has sequences
+        that are too short for the encoder's bound
+    """
+    if not isinstance(buffer, TaskReplayBuffer):
+        raise ValueError(f"The replay buffer is a {type(buffer).__name__}, no `TaskReplayBuffer`.")
+    if buffer.n_envs != n_envs:
+        raise ValueError(f"The replay buffer is of `n_envs={buffer.n_envs}`, the model has {n_envs}: make as many.")
+    if buffer.sequence_length < encoder.shortest_sequence:
+        raise ValueError(
+            f"`sequence_length={buffer.sequence_length}` is too short for the encoder's objective: "
+            f"`replay_buffer_kwargs=dict(sequence_length={encoder.shortest_sequence})` or more."
+        )
+
+
+def _check_loaded(model: OffPolicyAlgorithm) -> None:
+    """Refuse arguments of ``load`` that say otherwise than what was saved how the encoder and the policy are built.
+
+    SB3's ``load`` makes attributes of its arguments, and builds the policy by what was saved.
+    """
+    for name in ("encoder_class", "encoder_kwargs", "critic_input"):
+        if name in vars(model):
+            given, built = vars(model).pop(name), model.policy_kwargs[name]
+            if (given or {}) != (built or {}):
+                raise ValueError(f"`{name}={given!r}` is not what the model was saved with, {built!r}: leave it out.")
 
 
 def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Space[Any]) -> None:

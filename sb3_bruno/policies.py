@@ -65,8 +65,6 @@ class TaskInferencePolicy(BasePolicy):
         forget_threshold: float | None = None,
         **kwargs: Any,
     ) -> None:
-        if forget_threshold is not None and not forget_threshold > 0:
-            raise ValueError(f"`forget_threshold` must be positive nats, got {forget_threshold}: None never forgets.")
         if kwargs.get("features_extractor_class", FlattenExtractor) is not FlattenExtractor:
             raise ValueError(
                 f"`features_extractor_class={kwargs['features_extractor_class']!r}` is not supported: actor and "
@@ -82,6 +80,17 @@ class TaskInferencePolicy(BasePolicy):
         self.critic_input = critic_input
         self.forget_threshold = forget_threshold
         super().__init__(observation_space, action_space, lr_schedule, **kwargs)
+
+    @property
+    def forget_threshold(self) -> float | None:
+        """Nats of evidence for another task at which ``predict`` forgets what came before; None: never."""
+        return self._forget_threshold
+
+    @forget_threshold.setter
+    def forget_threshold(self, nats: float | None) -> None:
+        if nats is not None and not nats > 0:
+            raise ValueError(f"`forget_threshold` must be positive nats, got {nats}: None never forgets.")
+        self._forget_threshold = nats
 
     def _build(self, lr_schedule: Schedule) -> None:
         observation_dim = spaces.flatdim(self.observation_space["observation"])

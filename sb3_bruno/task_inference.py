@@ -26,6 +26,7 @@ from sb3_bruno.beliefs import BeliefQueries
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.checks import (
     check_algorithm,
+    check_buffer,
     check_task_infos,
     join_policy_kwargs,
     read_task_space,
@@ -109,10 +110,9 @@ class TaskInference(BeliefQueries, OffPolicyAlgorithm):
     def bind_buffer(self) -> None:
         """Give the replay buffer the encoder that its samples are made with.
 
-        :raises ValueError: if it is no ``TaskReplayBuffer``
+        :raises ValueError: if it cannot serve: ``check_buffer``
         """
-        if not isinstance(self.replay_buffer, TaskReplayBuffer):
-            raise ValueError(f"The replay buffer is a {type(self.replay_buffer).__name__}, no `TaskReplayBuffer`.")
+        check_buffer(self.replay_buffer, self.n_envs, self.encoder)
         self.replay_buffer.set_encoder(self.encoder, self.policy.layout)
 
     # -- collecting ------------------------------------------------------------------------------------------
@@ -167,10 +167,20 @@ class TaskInference(BeliefQueries, OffPolicyAlgorithm):
         self._last_episode_starts = dones
 
     def collect_rollouts(self, *args: Any, **kwargs: Any) -> RolloutReturn:
-        """As in SB3; an encoder that starts before the actor-critic is trained here until that starts too."""
-        rollout = super().collect_rollouts(*args, **kwargs)
+        """As in SB3; an encoder that starts before the actor-critic is trained here until that starts too.
+
+        Stopped in the middle, by a callback or an error, the envs are a step ahead of what is stored: to learn on
+        then begins new episodes.
+        """
+        continues = False
+        try:
+            rollout = super().collect_rollouts(*args, **kwargs)
+            continues = rollout.continue_training
+        finally:
+            if not continues:
+                self._last_obs = None
         before_actor = self.num_timesteps <= self.learning_starts
-        if rollout.continue_training and before_actor and self._encoder_has_started():
+        if continues and before_actor and self._encoder_has_started():
             gradient_steps = self.gradient_steps if self.gradient_steps >= 0 else rollout.episode_timesteps
             self._train_encoder(gradient_steps)
         return rollout
@@ -238,8 +248,14 @@ class TaskInference(BeliefQueries, OffPolicyAlgorithm):
     # -- saving ----------------------------------------------------------------------------------------------
 
     def load_replay_buffer(self, path: str | pathlib.Path | io.BufferedIOBase, truncate_last_traj: bool = True) -> None:
+        """As in SB3; ``truncate_last_traj`` begins new episodes, without it the buffer's own go on.
+
+        :raises ValueError: if it cannot serve: ``check_buffer``
+        """
         super().load_replay_buffer(path, truncate_last_traj)
         self.bind_buffer()
+        if truncate_last_traj:
+            self._last_obs = None
 
     def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
         wrapped = self._wrap_env(env, self.verbose)
@@ -253,6 +269,7 @@ class TaskInference(BeliefQueries, OffPolicyAlgorithm):
         include: Iterable[str] | None = None,
     ) -> None:
         """As in SB3; the belief of a running episode is kept as arrays, which load on any device."""
+        self.policy_kwargs["forget_threshold"] = self.policy.forget_threshold  # which may have been set since
         carried = self._belief_state
         self._belief_state = None if carried is None else to_host(carried)  # type: ignore[assignment]  # for now
         try:

@@ -233,3 +233,5 @@ def test_a_policy_may_be_told_not_to_forget_any_more():
 def test_a_threshold_of_no_nats_is_refused():
     with pytest.raises(ValueError, match="forget_threshold"):
         make_policy(forget_threshold=0.0)
+    with pytest.raises(ValueError, match="forget_threshold"):
+        make_policy().forget_threshold = -1.0

@@ -58,10 +58,12 @@ class TaskEncoder(nn.Module, ABC):
 
     :ivar belief_dim: size of the vector that stands for the belief in the extended observation
     :ivar noise_dim: size of the noise that augments each transition, 0 for none
+    :ivar shortest_sequence: how many transitions of a task ``bound`` needs at least
     """
 
     belief_dim: int
     noise_dim: int
+    shortest_sequence: int = 1
 
     def draw_noise(self, batch_shape: tuple[int, ...]) -> Tensor:
         """Standard normal noise for as many transitions, shape (*batch_shape, noise_dim)."""

@@ -99,6 +99,7 @@ class BrunoEncoder(TaskEncoder):
         self._condition_on_next = condition_on_next
         self._objective = objective
         self._belief = belief
+        self.shortest_sequence = 2 if objective == "holdout" else 1
         self.noise_dim = extra_dims
         self.latent_dim = self._reward_dim + self._next_observation_dim + extra_dims
         self.belief_dim = 2 * self.latent_dim if belief == "mean_var" else self.latent_dim
@@ -177,7 +178,7 @@ class BrunoEncoder(TaskEncoder):
 
         The entropy H of the noise makes it a lower bound on log p(y | x, context), constant included.
 
-        :raises ValueError: if the objective is ``"holdout"`` and there is but one transition
+        :raises ValueError: if the sequences are shorter than ``shortest_sequence``
         """
         if self.training:
             self.standardize_x.update(self._x(transitions))
@@ -185,8 +186,8 @@ class BrunoEncoder(TaskEncoder):
         if self._objective == "prequential":
             return self.one_step_bounds(transitions).mean()
         time = transitions.rewards.shape[-2]
-        if time < 2 and self._objective == "holdout":
-            raise ValueError(f"`sequence_length` is {time}: the holdout objective needs 2 or more, some to hold out.")
+        if time < self.shortest_sequence:
+            raise ValueError(f"`transitions` has {time} in a sequence: the holdout objective needs 2, one to hold out.")
         k = int(th.randint(max(time // 4, 1), max(3 * time // 4, 2), ()))
         first_scored = k if self._objective == "holdout" else 0
         z, log_det = self.latents_and_log_det(transitions, self.draw_noise(transitions.rewards.shape[:-1]))

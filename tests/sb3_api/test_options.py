@@ -170,6 +170,11 @@ def test_what_is_believed_of_matrices(make_model, normalize):
     assert len(found.quantities) == 1 + 6 and found.pit.shape[-1] == 7
 
 
+def test_sequences_too_short_for_the_objective_are_refused_at_once(make_model):
+    with pytest.raises(ValueError, match=r"`sequence_length=1` is too short .*sequence_length=2"):
+        make_model(encoder_kwargs={"objective": "holdout"}, replay_buffer_kwargs={"sequence_length": 1})
+
+
 def test_training_never_forgets(make_model, monkeypatch):
     monkeypatch.setattr(BrunoEncoder, "log_bayes_factor", lambda *given: th.ones_like(given[-1].rewards[..., 0]))
     for ratio in (0, 1):  # whether or not the running episodes are encoded again

@@ -2,10 +2,11 @@
 
 from copy import deepcopy
 
+import numpy as np
 import pytest
 from stable_baselines3 import SAC
 from stable_baselines3.common.env_util import make_vec_env
-from tiny_models import POINT, assert_same, for_each_that_takes, make_pendulum, rollout
+from tiny_models import POINT, TINY, assert_same, for_each_that_takes, make_pendulum, rollout
 
 from sb3_bruno.buffers import _RING as RING
 
@@ -38,6 +39,22 @@ def test_a_model_keeps_its_encoder_options_when_loaded(algorithm, make_model, tm
     assert (loaded.encoder_batch_size, loaded.encoder_update_ratio) == (6, 0.4)
     assert loaded.policy.critic_input == "both"
     assert loaded.encoder_optimizer.param_groups[0]["lr"] == 3e-4
+
+
+def test_load_does_not_ignore_how_the_encoder_is_to_be_built(algorithm, make_model, tmp_path):
+    make_model(critic_input="both").save(tmp_path / "model")
+    algorithm.load(tmp_path / "model", critic_input="both", encoder_kwargs=TINY["encoder_kwargs"])
+    with pytest.raises(ValueError, match="`critic_input='task'` is not what the model was saved with, 'both'"):
+        algorithm.load(tmp_path / "model", critic_input="task")
+    with pytest.raises(ValueError, match=r"`encoder_kwargs=\{'extra_dims': 2\}` is not what"):
+        algorithm.load(tmp_path / "model", encoder_kwargs={"extra_dims": 2})
+
+
+def test_a_threshold_that_was_set_on_the_policy_is_saved(algorithm, make_model, tmp_path):
+    model = make_model()
+    model.policy.forget_threshold = 10.0
+    model.save(tmp_path / "model")
+    assert algorithm.load(tmp_path / "model").policy.forget_threshold == 10.0
 
 
 def test_attributes_are_excluded_and_included_by_name(algorithm, make_model, tmp_path):
@@ -85,6 +102,22 @@ def test_a_replay_buffer_comes_back_and_is_learned_from(make_model, tmp_path):
     assert len(model.replay_buffer.tasks) == len(other.replay_buffer.tasks)
     other.learn(30)
     assert (other.replay_buffer.size(), other._n_updates) == (80, 30)
+
+
+@pytest.mark.parametrize("truncate", [True, False])
+def test_a_replay_buffer_may_be_loaded_in_mid_episode(make_model, tmp_path, truncate):
+    model = make_model(learning_starts=1_000).learn(50)  # 20 steps into the second episode
+    model.save_replay_buffer(tmp_path / "buffer")
+    model.load_replay_buffer(tmp_path / "buffer", truncate_last_traj=truncate)
+    model.learn(5, reset_num_timesteps=False)
+    _, length = model.replay_buffer.episodes.holding(np.array([54]))
+    assert length[0] == (5 if truncate else 25) == model._belief_state[0].item() + 1
+
+
+def test_a_replay_buffer_of_another_number_of_envs_is_refused(make_model, tmp_path):
+    make_model(make_vec_env(POINT, 2)).save_replay_buffer(tmp_path / "buffer")
+    with pytest.raises(ValueError, match="`n_envs=2`, the model has 1"):
+        make_model().load_replay_buffer(tmp_path / "buffer")
 
 
 def test_a_copied_model_learns(make_model):

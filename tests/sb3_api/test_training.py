@@ -1,6 +1,7 @@
 """The same seed gives the same run, in parts too; callbacks, stops and TensorBoard are SB3's."""
 
 import warnings
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -81,6 +82,27 @@ def test_a_callback_stops_at_the_first_step(make_model, encoder_learning_starts)
 
 def test_a_callback_stops_after_two_episodes(make_model):
     assert make_model().learn(1_000, StopTrainingOnMaxEpisodes(2)).num_timesteps == 60
+
+
+@pytest.mark.parametrize("error", [None, KeyboardInterrupt])
+def test_to_learn_on_after_a_stop_in_mid_episode_begins_new_episodes(make_model, error):
+    """Where training stops in a rollout, SB3's env is a step ahead of its buffer, in the next episode perhaps."""
+
+    def stop(step, _):
+        if step["self"].num_timesteps < 30:  # the last step of the first episode
+            return True
+        if error is not None:
+            raise error
+        return False
+
+    model = make_model(learning_starts=1_000)
+    with nullcontext() if error is None else pytest.raises(error):
+        model.learn(100, stop)
+    model.learn(45, reset_num_timesteps=False)
+    assert (model.num_timesteps, model.replay_buffer.size()) == (75, 74)
+    slots, lengths = model.replay_buffer.episodes.holding(np.array([28, 29, 59]))
+    assert lengths.tolist() == [29, 30, 15] and slots[:, 0].tolist() == [0, 29, 59]
+    assert model._belief_state[0].item() == 14  # the fifteenth comes with the next observation
 
 
 def test_tensorboard_shows_encoder_and_belief(algorithm, make_model, tmp_path):
