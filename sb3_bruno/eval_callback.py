@@ -45,7 +45,8 @@ class TaskEvalCallback(EvalCallback):
     episode to ``evaluation_tasks.npz`` beside ``evaluations.npz``: ``load_learning_curve`` reads both.
 
     Let each evaluation environment cycle through its tasks (``draw="cycle"``), for as many episodes as tasks
-    or a multiple: then every task counts the same, every time.
+    or a multiple: then every task counts the same, every time. Where the model has a seed, each evaluation seeds the
+    environments by it and by its own time, so that a resumed run is evaluated as one that was never interrupted.
 
     Raises:
         ValueError: if an episode of the evaluation environment ends without ``info["task"]``.
@@ -82,6 +83,8 @@ class TaskEvalCallback(EvalCallback):
 
     def _on_step(self) -> bool:
         self._episode_tasks = []
+        if self.model.seed is not None and self.eval_freq > 0 and self.n_calls % self.eval_freq == 0:
+            self.eval_env.seed(self.model.seed + self.n_calls)
         continue_training = super()._on_step()
         if self._episode_tasks and self.log_path is not None:
             self.evaluations_tasks.append(np.stack(self._episode_tasks))

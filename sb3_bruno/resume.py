@@ -108,10 +108,10 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
     :param device: PyTorch device
     :return: the model, at the start of a rollout
     :raises FileNotFoundError: if there is no checkpoint at ``path``
-    :raises ValueError: if ``env`` has other wrappers, or another number of envs or Monitors, than the checkpoint
+    :raises ValueError: if the file is damaged or of another version, or ``env`` has other wrappers, or another number
+        of envs or Monitors, than the checkpoint
     """
-    with open(path, "rb") as file:
-        checkpoint = cloudpickle.load(file)
+    checkpoint = _read(path)
     buffer, state = checkpoint["replay_buffer"], checkpoint["envs"]
     assert isinstance(state, EnvState)  # for mypy
     vec_env = OffPolicyAlgorithm._wrap_env(env)
@@ -134,6 +134,18 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
         vec_env.seed((model.seed or 0) + model.num_timesteps)  # or the run's first episodes would come again
     _set_random_states(model, checkpoint["random"])
     return model
+
+
+def _read(path: str | pathlib.Path) -> dict[str, Any]:
+    with open(path, "rb") as file:
+        try:
+            checkpoint: dict[str, Any] = cloudpickle.load(file)
+        except Exception as error:  # whatever bytes cut short, or classes that have changed since, make of it
+            raise ValueError(
+                f"{path} cannot be read ({error}): it is damaged, or of another version of sb3_bruno. Go on with the "
+                "version that wrote it."
+            ) from error
+    return checkpoint
 
 
 def _random_states(model: OffPolicyAlgorithm) -> dict[str, Any]:

@@ -1,5 +1,6 @@
-"""Settings that every test shares."""
+"""Settings that every test shares, and the command line."""
 
+import pytest
 import torch as th
 from hypothesis import settings
 
@@ -9,3 +10,20 @@ th.set_num_threads(1)
 # The same examples on every run, however slow the machine.
 settings.register_profile("sb3_bruno", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("sb3_bruno")
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Runs the console script in an empty folder; what it prints, and the line on which it gives up."""
+
+    from sb3_bruno.zoo.cli import main  # which takes seconds to import
+
+    def call(*arguments):
+        try:
+            main(list(map(str, arguments)))
+        except SystemExit as end:
+            return capsys.readouterr().out, str(end.code)
+        return capsys.readouterr().out, ""
+
+    monkeypatch.chdir(tmp_path)
+    return call

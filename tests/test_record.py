@@ -132,6 +132,9 @@ def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monk
         with pytest.raises(SystemExit, match=f"bruno_sac has runs of .*{budget}"):
             report(run_folder(tmp_path / budget, 9, **other))
         assert not (tmp_path / "page" / "bruno_sac" / "seed9").exists(), "nor of another budget"
+    with pytest.raises(SystemExit, match="bruno_sac has runs that were tested on different tasks"):
+        report(run_folder(tmp_path / "other tasks", 9, tasks=-DIRECTIONS))
+    assert not (tmp_path / "page" / "bruno_sac" / "seed9").exists(), "nor of other tasks"
     monkeypatch.setattr(sys, "argv", ["sb3-bruno", "report", "--out", str(tmp_path / "none")])
     with pytest.raises(SystemExit, match="give folders of runs that were tested"):
         main()

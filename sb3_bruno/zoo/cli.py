@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import importlib.util
 import runpy
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import rl_zoo3.enjoy
 import rl_zoo3.train
+import rl_zoo3.utils
+from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.denormals import flushed_denormals
 from sb3_bruno.zoo.evaluate import diagnose, evaluate, plot
 from sb3_bruno.zoo.experiment import CHECKPOINT, TaskExperiment
-from sb3_bruno.zoo.mistake import Mistake
+from sb3_bruno.zoo.mistake import Mistake, mistake_of
 from sb3_bruno.zoo.origin import ORIGIN, load_command
 from sb3_bruno.zoo.parser import command_parser
 from sb3_bruno.zoo.registry import register
@@ -56,6 +60,8 @@ def train(arguments: Arguments) -> None:
     own, rest = _parse(parser, arguments, rl_zoo3.train.train)
     TaskExperiment.folder = own.resume
     if own.resume is not None:
+        if rest:
+            raise Mistake(f"--resume goes on with the run's own flags: leave out {' '.join(rest)}")
         own, rest = parser.parse_known_args(_command_of(own.resume))
     for needed in ("wandb", "tensorboard") if "--track" in rest else ():
         if importlib.util.find_spec(needed) is None:
@@ -80,7 +86,11 @@ def record_video(arguments: Arguments) -> None:
 
     example: sb3-bruno record-video --algo bruno_sac --env CheetahDir-v0 -f logs -n 400
     """
-    _, rest = _parse(_own_parser("record-video", record_video), arguments, _rl_zoo3_record_video)
+    parser = _own_parser("record-video", record_video)
+    parser.add_argument("--gym-packages", nargs="+", default=[], help="packages to import, which register environments")
+    own, rest = _parse(parser, arguments, _rl_zoo3_record_video)
+    for package in own.gym_packages:
+        importlib.import_module(package)
     _call(_rl_zoo3_record_video, "record-video", _with_defaults(rest, {**DEFAULTS, "-f": "logs"}))
 
 
@@ -100,7 +110,18 @@ USAGE = "usage: sb3-bruno COMMAND ...\n\ncommands (each with its own --help):\n"
 
 
 def _rl_zoo3_record_video() -> None:
-    runpy.run_module("rl_zoo3.record_video", run_name="__main__")
+    """rl_zoo3's script, which makes its environment without the ``env_kwargs`` of the run's config: they are put in."""
+    make = rl_zoo3.utils.create_test_env
+
+    def make_as_trained(env_id: str, hyperparams: dict[str, Any], env_kwargs: dict[str, Any], **kwargs: Any) -> VecEnv:
+        env_kwargs = {**hyperparams.get("env_kwargs", {}), **env_kwargs}
+        return make(env_id, hyperparams=hyperparams, env_kwargs=env_kwargs, **kwargs)
+
+    vars(rl_zoo3.utils)["create_test_env"] = make_as_trained  # what the script imports
+    try:
+        runpy.run_module("rl_zoo3.record_video", run_name="__main__")
+    finally:
+        vars(rl_zoo3.utils)["create_test_env"] = make
 
 
 def _own_parser(name: str, command: Callable[[Arguments], None]) -> argparse.ArgumentParser:
@@ -131,10 +152,10 @@ def _call(upstream: Callable[[], None], name: str, arguments: Arguments) -> None
     TaskExperiment.has_started = False
     try:
         upstream()
-    except (ValueError, AssertionError, OSError, ImportError, NameError, SyntaxError) as error:
-        if TaskExperiment.has_started:
+    except Exception as error:
+        if TaskExperiment.has_started or isinstance(error, Mistake):
             raise
-        raise Mistake(str(error)) from error
+        raise mistake_of(error) from error
 
 
 def _command_of(folder: Path) -> Arguments:

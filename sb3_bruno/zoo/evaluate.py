@@ -109,10 +109,17 @@ def plot(arguments: list[str]) -> None:
     curves = {}
     for algo in options.algo:
         runs = sorted((options.exp_folder / algo).glob(f"{options.env}_*"))
-        curves[algo] = [load_learning_curve(run) for run in runs if (run / "evaluation_tasks.npz").is_file()]
+        try:
+            curves[algo] = [load_learning_curve(run) for run in runs if (run / "evaluation_tasks.npz").is_file()]
+        except ValueError as error:
+            raise Mistake(str(error)) from error
         if not curves[algo]:
             raise Mistake(f"{options.exp_folder / algo} has no evaluated run of {options.env}: train with --eval-freq")
-    plot_learning_curves(curves, options.out)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        plot_learning_curves(curves, options.out)
+    except ValueError as error:
+        raise Mistake(str(error)) from error
     for algo, of_algo in curves.items():
         last = [float(np.mean(curve.returns[-1])) for curve in of_algo]
         print(f"{algo}: {len(last)} runs, last evaluation {np.mean(last):.1f} on average")

@@ -24,7 +24,7 @@ from sb3_bruno.eval_callback import TaskEvalCallback
 from sb3_bruno.resume import ResumeCallback, resume
 from sb3_bruno.zoo.configs import config_file, merged, read_configs
 from sb3_bruno.zoo.held_out import FRESH, HeldOut, hold_out
-from sb3_bruno.zoo.mistake import Mistake
+from sb3_bruno.zoo.mistake import Mistake, mistake_of
 from sb3_bruno.zoo.origin import save_origin
 
 CHECKPOINT = "checkpoint.pkl"
@@ -47,7 +47,8 @@ class TaskExperiment(ExperimentManager):
     has_started: ClassVar[bool] = False
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        kwargs["config"] = config_file(args[1], kwargs.get("config"))
+        if self.folder is None:  # else it is the run's own
+            kwargs["config"] = config_file(args[1], kwargs.get("config"))
         super().__init__(*args, **kwargs)
         self._held_out: HeldOut | None = None  # in a search
         self._is_new = self.folder is None and not Path(self.save_path).exists()
@@ -58,19 +59,24 @@ class TaskExperiment(ExperimentManager):
     def read_hyperparameters(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """As rl_zoo3, but of a dict in a YAML config, such as ``encoder_kwargs``, only the entries given are replaced.
 
-        What is raised over a config is the user's to mend.
+        Those of a run that is resumed are its own, whatever the config says by now.
         """
-        try:
-            configs = read_configs(self.config)
-            config = configs.get(self.env_name.gym_id, configs.get("default", {}))
-            given = self.custom_hyperparams or {}
-            if self.trial_id is not None:
-                given = merged(self._drawn_in_trial(merged(config, given).get("n_envs", 1)), given)
-            self.custom_hyperparams = {name: merged(config, given)[name] for name in given}
-            read: tuple[dict[str, Any], dict[str, Any]] = super().read_hyperparameters()
-        except (ValueError, OSError, ImportError, yaml.YAMLError) as error:
-            raise Mistake(str(error)) from error
+        if self.folder is not None:
+            saved: dict[str, Any] = yaml.unsafe_load(Path(self.params_path, "config.yml").read_text(encoding="utf-8"))
+            return dict(saved), saved
+        configs = read_configs(self.config)
+        config = configs.get(self.env_name.gym_id, configs.get("default", {}))
+        given = self.custom_hyperparams or {}
+        if self.trial_id is not None:
+            given = merged(self._drawn_in_trial(merged(config, given).get("n_envs", 1)), given)
+        self.custom_hyperparams = {name: merged(config, given)[name] for name in given}
+        read: tuple[dict[str, Any], dict[str, Any]] = super().read_hyperparameters()
         return read
+
+    def _save_config(self, saved_hyperparams: dict[str, Any]) -> None:
+        """As rl_zoo3; a run that is resumed has saved its config already."""
+        if self.folder is None:
+            super()._save_config(saved_hyperparams)
 
     def _drawn_in_trial(self, n_envs: int) -> dict[str, Any]:
         """The hyperparameters of the trial that ``--trial-id`` names, also of one that ``sweep`` made."""
@@ -110,28 +116,38 @@ class TaskExperiment(ExperimentManager):
         return without
 
     def setup_experiment(self) -> tuple[BaseAlgorithm, dict[str, Any]] | None:
-        """As rl_zoo3; a run that is resumed gets the model of its checkpoint."""
+        """As rl_zoo3; a run that is resumed gets the model of its checkpoint.
+
+        What is raised is the user's to mend: all of it stands on config and command.
+        """
         try:
             results = super().setup_experiment()
-        except (ValueError, TypeError, AssertionError) as error:
+            if results is None:
+                self._prepare_search()
+                return None
+            model, saved_hyperparams = results
+            if self.folder is not None:
+                model = self._resumed(model, self.folder)
+        except Exception as error:
             if self._is_new:
                 shutil.rmtree(self.save_path, ignore_errors=True)  # it holds no result
-            raise Mistake(str(error)) from error
-        if results is None:
-            self._prepare_search()
-            return None
-        model, saved_hyperparams = results
+            if isinstance(error, Mistake):
+                raise
+            raise mistake_of(error) from error
         chosen = ["--seed", str(self.seed), "--checkpoint-freq", str(self.checkpoint_freq)]
         command = [*sys.argv[1:], *chosen]  # of a flag that is given twice the last one counts
         save_origin(Path(self.save_path), command)
-        if self.folder is not None:
-            assert model.env is not None  # for mypy
-            model = resume(self.folder / CHECKPOINT, model.env, self.device)
-            print(f"Going on at {model.num_timesteps:,} of {self.n_timesteps:,} env steps")
-            for callback in self.callbacks:
-                if isinstance(callback, TaskEvalCallback):
-                    callback.restore(model)
         return model, saved_hyperparams
+
+    def _resumed(self, model: BaseAlgorithm, folder: Path) -> BaseAlgorithm:
+        """The model of the checkpoint in ``folder``, with the environments of ``model``."""
+        assert model.env is not None  # for mypy
+        model = resume(folder / CHECKPOINT, model.env, self.device)
+        print(f"Going on at {model.num_timesteps:,} of {self.n_timesteps:,} env steps")
+        for callback in self.callbacks:
+            if isinstance(callback, TaskEvalCallback):
+                callback.restore(model)
+        return model
 
     def _prepare_search(self) -> None:
         """Trials are judged on held-out training tasks and fresh seeds; what is drawn goes over the config."""

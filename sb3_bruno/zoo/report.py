@@ -62,14 +62,18 @@ def _recorded(out: Path) -> dict[Path, Record]:
 
 
 def _check_budgets(records: Iterable[Record]) -> None:
-    """Refuse a mean over runs of one method that differ in env or length."""
+    """Refuse a mean over runs of one method that differ in env, length or the tasks of their test."""
     budgets: dict[str, set[str]] = {}
+    tasks: dict[str, set[str]] = {}
     for run in records:
         budget = f"{_config(run)['env_steps']:,} env steps of {_config(run)['env']}"
         budgets.setdefault(run.method, set()).add(budget)
+        tasks.setdefault(run.method, set()).add(" ".join(run.episodes["task"].unique()))
     for method, of_method in budgets.items():
         if len(of_method) > 1:
             raise Mistake(f"{method} has runs of {' and of '.join(sorted(of_method))}: give each a page of its own")
+        if len(tasks[method]) > 1:
+            raise Mistake(f"{method} has runs that were tested on different tasks: give each a page of its own")
 
 
 def _records_of(runs: Sequence[Path]) -> dict[str, Record]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -22,8 +23,9 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_bruno.training_clock import TrainingClock
 from sb3_bruno.zoo.configs import config_file, config_name, read_configs
-from sb3_bruno.zoo.mistake import Mistake
+from sb3_bruno.zoo.mistake import Mistake, mistake_of
 from sb3_bruno.zoo.origin import trained_at
+from sb3_bruno.zoo.parser import at_least_one
 
 
 class TrainedAgent(NamedTuple):
@@ -56,8 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-f", "--folder", default="logs", help="log folder (default: logs)")
     parser.add_argument("--exp-id", type=int, default=0, help="run number, 0: the latest (default)")
     parser.add_argument("--load-best", action="store_true", help="the best model instead of the last")
-    parser.add_argument("--episodes", type=int, default=10, help="per task (default: 10)")
-    parser.add_argument("--steps", type=int, help="of each episode (default: the environment's own)")
+    parser.add_argument("--episodes", type=at_least_one, default=10, help="per task (default: 10)")
+    parser.add_argument("--steps", type=at_least_one, help="of each episode (default: the environment's own)")
     parser.add_argument("--split", choices=["train", "test"], default="test", help="which tasks (default: test)")
     parser.add_argument("--seed", type=int, default=0, help="of the environments (default: 0)")
 
@@ -65,7 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def load_trained(options: argparse.Namespace) -> TrainedAgent:
     """The agent that the flags choose.
 
-    :raises Mistake: if there is none, or its environment has no list of tasks
+    :raises Mistake: if there is none that can be loaded, or its environment has no list of tasks or is of trials and
+        ``--steps`` would cut them
     """
     th.set_num_threads(1)
     env_name = EnvironmentName(options.env)
@@ -76,12 +79,16 @@ def load_trained(options: argparse.Namespace) -> TrainedAgent:
     except (AssertionError, ValueError) as error:
         raise Mistake(str(error)) from error
     params = Path(folder) / env_name
+    for package in _arguments(params).get("gym_packages", []):  # which register the run's environment
+        importlib.import_module(package)
     env_kwargs = _env_kwargs(params) | {"split": options.split}
     if options.steps is not None:
         env_kwargs["max_episode_steps"] = options.steps
     make_env = partial(gym.make, env_name.gym_id, **env_kwargs)
-    model = rl_zoo3.ALGOS[options.algo].load(model_path, device="cpu")
     tasks, inside, n_inner = _tasks(make_env, options.split)
+    if options.steps is not None and n_inner > 1:
+        raise Mistake(f"--steps {options.steps}: a trial is as long as its {n_inner} episodes, so leave it out")
+    model = _load(options.algo, model_path)
     clock = TrainingClock.of_run(Path(folder))
     config = {
         "algo": options.algo,
@@ -127,6 +134,8 @@ def _given(params: Path, algo: str, env_id: str) -> dict[str, Any]:
     config alone has it.
     """
     arguments, used = _arguments(params), dict(_hyperparams(params))
+    if _env_kwargs(params):
+        used["env_kwargs"] = _env_kwargs(params)
     config = _config(algo, arguments["conf_file"]).get(env_id)
     if config is None:
         differing = dict(arguments["hyperparams"] or {})
@@ -157,6 +166,7 @@ def _config(algo: str, conf: str | None) -> dict[str, Any]:
 
 def _hyperparams(params: Path) -> dict[str, Any]:
     hyperparams: dict[str, Any] = get_saved_hyperparams(str(params))[0]
+    hyperparams.pop("normalize_kwargs", None)  # what rl_zoo3 reads off "normalize" for tests
     policy_kwargs = hyperparams.get("policy_kwargs")
     if isinstance(policy_kwargs, dict) and policy_kwargs.get("use_sde") is False:
         del policy_kwargs["use_sde"]  # its default, which SB3 writes into the dict that it is given
@@ -164,9 +174,20 @@ def _hyperparams(params: Path) -> dict[str, Any]:
 
 
 def _arguments(params: Path) -> dict[str, Any]:
-    with open(params / "args.yml", encoding="utf-8") as file:
-        arguments: dict[str, Any] = yaml.unsafe_load(file)  # rl_zoo3 wrote an OrderedDict
+    try:
+        with open(params / "args.yml", encoding="utf-8") as file:
+            arguments: dict[str, Any] = yaml.unsafe_load(file)  # rl_zoo3 wrote an OrderedDict
+    except FileNotFoundError as error:
+        raise Mistake(f"{params} has no args.yml, which `sb3-bruno train` writes: train there") from error
     return arguments
+
+
+def _load(algo: str, path: str) -> BaseAlgorithm:
+    try:
+        model: BaseAlgorithm = rl_zoo3.ALGOS[algo].load(path, device="cpu")
+    except Exception as error:  # whatever a damaged file, or one of another algorithm, makes of it
+        raise Mistake(f"{path} cannot be loaded as {algo}: {mistake_of(error)}") from error
+    return model
 
 
 def _vec_normalize(params: Path, make_env: Any) -> VecNormalize | None:
