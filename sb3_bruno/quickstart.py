@@ -61,7 +61,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=1, help="seed of everything random (default 1)")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="folder of the results (default runs/)")
     options = parser.parse_args(arguments)
-    steps = options.steps or (FULL_STEPS if options.full else SHORT_STEPS)
+    steps = options.steps if options.steps is not None else FULL_STEPS if options.full else SHORT_STEPS
     if steps < 1:
         parser.error(f"--steps must be positive, got {steps}")
     run(steps, options.seed, options.out / f"cheetah_dir_{steps}_seed{options.seed}")

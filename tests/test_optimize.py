@@ -2,11 +2,13 @@
 
 import argparse
 
+import gymnasium as gym
 import numpy as np
 import optuna
 import pandas as pd
 import pytest
 import yaml
+from gymnasium.wrappers import TimeLimit
 
 from sb3_bruno.zoo.cli import main
 from sb3_bruno.zoo.configs import config_file, read_configs
@@ -14,6 +16,7 @@ from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.registry import register
 from sb3_bruno.zoo.sampler import convert_bruno
 from sb3_bruno.zoo.sweep import open_storage
+from sb3_bruno_envs import MetaTask, PointDirEnv, TransitionObservation
 
 STUDY = ["--storage", "demo.log", "--study-name", "demo"]
 OURS = ["train", "--algo", "bruno_sac", "--env", "PointDir-v0", "-n", "120", "--seed", "1"]
@@ -80,6 +83,29 @@ def test_an_env_without_tasks_is_searched_as_rl_zoo_does(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     experiment = searching("Pendulum-v1", "sac", n_eval_episodes=3)
     assert experiment.n_eval_episodes == 3 and experiment.create_envs(1, eval_env=True).num_envs == 1
+
+
+def make_directions(n_tasks):
+    """An environment of somebody else's: its function takes neither ``tasks`` nor ``draw``."""
+    angles = np.linspace(0.0, 2.0 * np.pi, n_tasks, endpoint=False)
+    tasks = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return TransitionObservation(MetaTask(TimeLimit(PointDirEnv(), 5), PointDirEnv.set_task, tasks))
+
+
+@pytest.mark.parametrize("n_tasks", [4, 12])
+def test_an_env_that_is_not_ours_is_judged_as_it_is(n_tasks, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    gym.register("Directions-v0", make_directions, kwargs={"n_tasks": n_tasks})
+    try:
+        config = {"policy": "MlpPolicy", "n_timesteps": 120, "buffer_size": 2_000}
+        (tmp_path / "own.yml").write_text(yaml.safe_dump({"Directions-v0": config}))
+        experiment = searching("Directions-v0", config="own.yml", n_eval_episodes=5)
+        first, judged = experiment.create_envs(1), experiment.create_envs(1, eval_env=True)
+        assert experiment.n_eval_episodes == 5
+        assert len(judged.get_attr("task_distribution")[0].tasks("train")) == n_tasks
+        assert not np.array_equal(first.reset()["observation"], judged.reset()["observation"])  # fresh seeds
+    finally:
+        del gym.registry["Directions-v0"]
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,9 @@ def test_the_same_command_goes_on_where_it_was_interrupted(tmp_path, capsys, mon
     assert load_learning_curve(tmp_path / "cheetah_dir_80_seed1").timesteps.tolist() == [40, 80]
 
 
-def test_mistakes_are_one_line(tmp_path, capsys):
+@pytest.mark.parametrize("steps", ["-5", "0"])
+def test_mistakes_are_one_line(steps, capsys, monkeypatch):
+    monkeypatch.delattr(quickstart, "run")
     with pytest.raises(SystemExit):
-        quickstart.main(["--steps", "-5"])
-    assert "--steps must be positive, got -5" in capsys.readouterr().err
+        quickstart.main(["--steps", steps])
+    assert f"--steps must be positive, got {steps}" in capsys.readouterr().err

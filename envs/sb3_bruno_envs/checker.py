@@ -132,24 +132,30 @@ def _in_observation(
     """
     if not isinstance(observation, dict):
         return {}  # told already, of the space
-    found = {}
-    if observation not in env.observation_space:
+    found = {f"not finite {key}": problem for key, problem in _not_finite(observation)}
+    if not found and observation not in env.observation_space:  # no space holds a NaN
         found["outside"] = "the observation is outside its space: match its keys, shapes, dtypes, bounds."
     rewards = None if reward is None else [reward]
     for key, value in (("action", action), ("reward", rewards), ("episode_start", [start])):
         shown = observation.get(key)
         if shown is None or value is None:
             continue  # a key that is missing was told already, of the space
-        if np.shape(shown) != np.shape(value) or not np.allclose(shown, value, rtol=1e-4, atol=1e-5):
+        if np.shape(shown) != np.shape(value) or not np.allclose(shown, value, rtol=1e-4, atol=1e-5, equal_nan=True):
             found[key] = f"observation[{key!r}] is {shown} instead of {np.asarray(value)}: {_WRAP}."
     return found
+
+
+def _not_finite(observation: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    for key, shown in observation.items():
+        if np.asarray(shown).dtype.kind == "f" and not np.isfinite(shown).all():
+            yield key, f"observation[{key!r}] is {shown}, not finite: bound it, or end the episode before."
 
 
 def _check_seed(env: Env) -> Iterator[str]:
     (task, first), (again, first_again) = _start(env, seed=0), _start(env, seed=0)
     if not np.array_equal(task, again):
         yield f"seed=0 gave the task {task}, then {again}: draw it from a generator that the reset seeds."
-    if not np.array_equal(first, first_again):
+    if not np.array_equal(first, first_again, equal_nan=first.dtype.kind == "f"):
         yield "seed=0 gave two different first observations: draw them from self.np_random alone."
 
 

@@ -6,6 +6,7 @@ import copy
 from typing import Any, SupportsFloat
 
 import gymnasium as gym
+import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
 
@@ -25,7 +26,7 @@ class Trial(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         n_episodes: the number of inner episodes.
 
     Raises:
-        ValueError: if ``n_episodes`` is not positive, or there is a MetaTask inside.
+        ValueError: if ``n_episodes`` is not a positive integer, or there is a MetaTask inside.
 
     Example:
         >>> pendulum = gym.make("Pendulum-v1", max_episode_steps=50)
@@ -33,8 +34,8 @@ class Trial(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any], n_episodes: int) -> None:
-        if n_episodes < 1:
-            raise ValueError(f"n_episodes={n_episodes} is not positive: give at least 1.")
+        if not isinstance(n_episodes, (int, np.integer)) or n_episodes < 1:  # a trial of 2.5 would never end
+            raise ValueError(f"n_episodes={n_episodes!r} is not a positive integer: give at least 1.")
         if env.has_wrapper_attr("task_space"):
             raise ValueError(f"env={env} would draw a task per inner episode: wrap Trial in MetaTask instead.")
         RecordConstructorArgs.__init__(self, n_episodes=n_episodes)

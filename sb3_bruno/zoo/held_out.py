@@ -16,7 +16,7 @@ class HeldOut(NamedTuple):
 
     :ivar train: ``env_kwargs`` of the environments that a trial learns in
     :ivar judge: ``env_kwargs`` of those that it is judged on
-    :ivar n_tasks: how many tasks these go through in turn; 1 where tasks have no end or no name
+    :ivar n_tasks: how many tasks these go through in turn; 1 where they do not
     """
 
     train: dict[str, Any]
@@ -25,7 +25,12 @@ class HeldOut(NamedTuple):
 
 
 def hold_out(env_id: str, env_kwargs: dict[str, Any]) -> HeldOut:
-    """Keep the last fifth of ten or more training tasks for judging; fewer serve both, with fresh seeds."""
+    """Keep the last fifth of ten or more training tasks for judging; fewer serve both, with fresh seeds.
+
+    That is for our environments, which take ``tasks`` and ``draw``; others learn and are judged as they are.
+    """
+    if not str(gym.spec(env_id).entry_point).startswith("sb3_bruno_envs"):
+        return HeldOut(env_kwargs, env_kwargs, 1)
     env = gym.make(env_id, **env_kwargs)
     tasks = env.get_wrapper_attr("task_distribution") if env.has_wrapper_attr("task_distribution") else None
     env.close()

@@ -24,12 +24,13 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 from rl_zoo3.callbacks import TrialEvalCallback
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_SAMPLER
+from sqlalchemy.exc import SQLAlchemyError
 from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.zoo.configs import merged
 from sb3_bruno.zoo.experiment import TaskExperiment
-from sb3_bruno.zoo.mistake import Mistake
+from sb3_bruno.zoo.mistake import Mistake, mistake_of
 
 OWNER = "worker"  # user attribute of a trial: {"host": ..., "pid": ..., "started": seconds since the epoch}
 SETTINGS = "settings"  # user attribute of a study: what every trial is made of
@@ -43,32 +44,42 @@ def open_storage(storage: str, heartbeat: int = 60) -> JournalStorage | RDBStora
 
     :param heartbeat: seconds between the heartbeats of a database's workers; after twice as many without one a trial is
         failed and queued again
-    :raises Mistake: if it is neither, or SQLite, which two workers break
+    :raises Mistake: if it is neither, or SQLite, which two workers break, or cannot be reached
     """
-    if storage.endswith(".log"):
-        Path(storage).parent.mkdir(parents=True, exist_ok=True)
-        return JournalStorage(JournalFileBackend(storage))
-    if storage.startswith("postgresql"):
-        with warnings.catch_warnings(category=ExperimentalWarning, action="ignore"):
-            return RDBStorage(
-                storage,
-                heartbeat_interval=heartbeat,
-                grace_period=2 * heartbeat,
-                heartbeat_stale_trial_callback=RetryHeartbeatStaleTrialCallback(max_retry=RETRIES),
-            )
+    try:
+        if storage.endswith(".log"):
+            Path(storage).parent.mkdir(parents=True, exist_ok=True)
+            return JournalStorage(JournalFileBackend(storage))
+        if storage.startswith("postgresql"):
+            return _open_database(storage, heartbeat)
+    except (OSError, ImportError, ValueError, SQLAlchemyError) as error:
+        raise Mistake(f"--storage {storage} cannot be opened: {mistake_of(error)}") from error
     raise Mistake(f"--storage {storage}: give a journal file (sweep.log) or a database (postgresql://...)")
+
+
+def _open_database(url: str, heartbeat: int) -> RDBStorage:
+    with warnings.catch_warnings(category=ExperimentalWarning, action="ignore"):
+        return RDBStorage(
+            url,
+            heartbeat_interval=heartbeat,
+            grace_period=2 * heartbeat,
+            heartbeat_stale_trial_callback=RetryHeartbeatStaleTrialCallback(max_retry=RETRIES),
+        )
 
 
 def load_study(storage: str, name: str) -> optuna.Study:
     """The study that ``sweep init`` made.
 
-    :raises Mistake: if there is none
+    :raises Mistake: if there is none, or another made it, such as ``train -optimize``, or ``init`` did not end
     """
     try:
         study = optuna.load_study(study_name=name, storage=open_storage(storage))
     except KeyError as error:
         raise Mistake(f"no study {name} in {storage}: make it with sb3-bruno sweep init") from error
-    settings = study.user_attrs[SETTINGS]
+    settings = study.user_attrs.get(SETTINGS)
+    if settings is None:
+        made = "was not made by sb3-bruno sweep init, or not to the end: make another --study-name with it"
+        raise Mistake(f"study {name} in {storage} {made}")
     study.sampler = optuna.samplers.TPESampler(n_startup_trials=settings["n_startup_trials"])
     first_third = settings["n_evaluations"] // 3  # of a trial, in which little is learned yet: none is pruned there
     study.pruner = optuna.pruners.MedianPruner(settings["n_startup_trials"], n_warmup_steps=first_third + 1)
@@ -132,6 +143,8 @@ class SweepExperiment(TaskExperiment):
 
     def check(self) -> None:
         """Make a model once, so that a mistake shows before any worker starts."""
+        if not isinstance(self.n_envs, int) or self.n_envs < 1:
+            raise Mistake(f"n_envs={self.n_envs!r} is not a positive integer: give at least 1")
         env = self.create_envs(1)
         try:
             rl_zoo3.ALGOS[self.algo](env=env, device="cpu", **self._hyperparams)

@@ -17,8 +17,8 @@ from rl_zoo3.utils import StoreDict
 
 from sb3_bruno.denormals import flushed_denormals
 from sb3_bruno.zoo.configs import config_file, merged, read_configs
-from sb3_bruno.zoo.mistake import Mistake
-from sb3_bruno.zoo.parser import command_parser
+from sb3_bruno.zoo.mistake import Mistake, mistake_of
+from sb3_bruno.zoo.parser import at_least_one, command_parser
 from sb3_bruno.zoo.sweep import (
     COUNTED,
     GIVEN_BACK,
@@ -45,6 +45,23 @@ def sweep(arguments: list[str]) -> None:
     """
     options = _parser().parse_args(arguments)
     options.command(options)
+
+
+class StoreParams(StoreDict):
+    """``-params``, which are Python: whatever they raise is the user's to mend."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option_string: Any = None
+    ) -> None:
+        """As rl_zoo3.
+
+        :raises Mistake: if one of them cannot be read
+        """
+        try:
+            super().__call__(parser, namespace, values, option_string)  # type: ignore[no-untyped-call]  # rl_zoo3's
+        except Exception as error:
+            given = f"{option_string} {' '.join(values)}"
+            raise Mistake(f"{given}: {mistake_of(error)}: give NAME:VALUE, a VALUE that is text in quotes") from error
 
 
 def init(options: argparse.Namespace) -> None:
@@ -157,15 +174,28 @@ def best(options: argparse.Namespace) -> None:
         text = made_by + yaml.safe_dump(config, sort_keys=False)
     except yaml.representer.RepresenterError as error:
         raise Mistake(f"--algo {settings['algo']} draws what YAML cannot hold: {error}") from error
-    options.out.write_text(text, encoding="utf-8")
+    save(text, options.out)
     print(text + f"\nSaved {options.out}: sb3-bruno train --env {settings['env']} -conf {options.out}")
 
 
 def export(options: argparse.Namespace) -> None:
     """Write every trial with its state, return, duration and draws as CSV."""
     study = load_study(options.storage, options.study_name)
-    study.trials_dataframe(attrs=("number", "state", "value", "duration", "params")).to_csv(options.out, index=False)
+    table = study.trials_dataframe(attrs=("number", "state", "value", "duration", "params"))
+    save(table.to_csv(index=False), options.out)
     print(f"Saved {len(study.trials)} trials in {options.out}")
+
+
+def save(text: str, path: Path) -> None:
+    """Write a file whose folder need not be there yet.
+
+    :raises Mistake: if it cannot be written
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8", newline="")  # a table has its line ends already
+    except OSError as error:
+        raise Mistake(f"--out {path} cannot be written, give another: {error.strerror}") from error
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -180,14 +210,18 @@ def _parser() -> argparse.ArgumentParser:
             one.add_argument("--algo", default="bruno_sac", choices=sorted(HYPERPARAMS_SAMPLER.keys() & rl_zoo3.ALGOS))
             one.add_argument("--env", default="CheetahDir-v0", help="(default: CheetahDir-v0)")
             one.add_argument("-conf", "--conf-file", dest="conf", help="what is not drawn (default: ours)")
-            one.add_argument("-n", "--n-timesteps", type=int, required=True, help="env steps of a trial")
-            one.add_argument("--n-evaluations", type=int, default=5, help="of a trial, for pruning (default: 5)")
-            one.add_argument("--n-startup-trials", type=int, default=10, help="drawn at random first (default: 10)")
+            one.add_argument("-n", "--n-timesteps", type=at_least_one, required=True, help="env steps of a trial")
+            one.add_argument(
+                "--n-evaluations", type=at_least_one, default=5, help="of a trial, for pruning (default: 5)"
+            )
+            one.add_argument(
+                "--n-startup-trials", type=at_least_one, default=10, help="drawn at random first (default: 10)"
+            )
             one.add_argument("--seed", type=int, default=0, help="of the first trial; each has its own (default: 0)")
-            one.add_argument("-params", "--hyperparams", nargs="+", action=StoreDict, help="as in train")
+            one.add_argument("-params", "--hyperparams", nargs="+", action=StoreParams, help="as in train")
         if command is run:
-            one.add_argument("--n-trials", type=int, help="trials of this worker (default: without end)")
-            one.add_argument("--max-total-trials", type=int, help="trials of all workers together")
+            one.add_argument("--n-trials", type=at_least_one, help="trials of this worker (default: without end)")
+            one.add_argument("--max-total-trials", type=at_least_one, help="trials of all workers together")
         if command is best:
             one.add_argument("--out", type=Path, default=Path("best.yml"), help="(default: best.yml)")
         if command is export:

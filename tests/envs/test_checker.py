@@ -86,6 +86,17 @@ class Telltale(gym.ObservationWrapper):
         return np.concatenate([observation, self.get_wrapper_attr("task")])
 
 
+class Shown(gym.ObservationWrapper):
+    """A point that is shown at ``value``, also at the reset."""
+
+    def __init__(self, value):
+        super().__init__(PointDirEnv())
+        self.value = value
+
+    def observation(self, observation):
+        return np.full_like(observation, self.value)
+
+
 class Spaces(gym.Wrapper):
     """A good environment that declares other spaces."""
 
@@ -210,6 +221,17 @@ def test_each_way_to_break_the_contract_is_named(name):
     build, message = BROKEN[name]
     with pytest.raises(ValueError, match=message):
         check_meta_env(build())
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("key", ["reward", "observation"])
+def test_what_is_not_finite_is_the_one_finding(key, value):
+    env = TransformReward(PointDirEnv(), lambda reward: value) if key == "reward" else Shown(value)
+    env = MetaTask(env, PointDirEnv.set_task, DIRECTIONS)
+    with pytest.raises(ValueError, match=rf"\['{key}'\] is \[.*{value}.*\], not finite: bound it, or end") as found:
+        check_meta_env(TimeLimit(TransitionObservation(env), 20))
+    problems = str(found.value).splitlines()[1:]
+    assert all("not finite" in problem for problem in problems) and "instead of" not in str(found.value)
 
 
 def test_one_message_lists_everything_that_is_wrong():

@@ -146,10 +146,16 @@ def test_a_pickled_copy_continues_the_trial():
         assert (step[1:4], step[4]["episode_index"]) == (expected[1:4], expected[4]["episode_index"])
 
 
-@pytest.mark.parametrize("n_episodes", [0, -3])
-def test_no_episodes_are_refused(n_episodes):
-    with pytest.raises(ValueError, match=rf"n_episodes={n_episodes} is not positive: give at least 1"):
+@pytest.mark.parametrize("n_episodes", [0, -3, 2.5, 2.0, np.nan, "3"])
+def test_no_episodes_and_no_parts_of_one_are_refused(n_episodes):
+    with pytest.raises(ValueError, match=rf"n_episodes={n_episodes!r} is not a positive integer: give at least 1"):
         Trial(Counter(2), n_episodes)
+
+
+def test_an_integer_of_numpy_is_one():
+    env = Trial(Counter(2), np.int64(2))
+    env.reset()
+    assert [ended for _, _, ended, _, _ in run(env, 4)] == [False, False, False, True]
 
 
 def test_a_task_drawn_inside_is_refused():
