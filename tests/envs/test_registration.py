@@ -87,7 +87,7 @@ def test_a_trial_has_as_many_episodes_as_asked_for(name):
     infos = [env.step(env.action_space.sample())[4] for _ in range(100)]
     assert [info["episode_index"] for info in infos] == [step // 20 for step in range(100)]
     assert len(rewards(gym.make(env.spec))) == 100
-    with pytest.raises(ValueError, match="n_episodes=0 is not positive"):
+    with pytest.raises(ValueError, match="n_episodes=0 is not a positive integer"):
         make(name, n_episodes=0)
 
 
