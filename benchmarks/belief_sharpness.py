@@ -17,7 +17,7 @@ import torch as th
 from encoder_alone import random_transitions, updates
 
 from sb3_bruno import BrunoEncoder, TaskReplayBuffer
-from sb3_bruno.flow import FLOWS
+from sb3_bruno.maths.flow import FLOWS
 
 CONTEXTS = (1, 3, 10, 40)
 

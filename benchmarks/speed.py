@@ -30,9 +30,9 @@ from stable_baselines3.common.env_util import make_vec_env
 from zuko.flows import MAF
 
 from sb3_bruno import BrunoEncoder, BrunoSAC, TaskReplayBuffer
+from sb3_bruno.buffers.extended_obs import ExtendedObs
 from sb3_bruno.evaluation import library_versions
-from sb3_bruno.extended_obs import ExtendedObs
-from sb3_bruno.flow import ConditionalFlow
+from sb3_bruno.maths.flow import ConditionalFlow
 
 ENV_ID = "sb3_bruno_envs:CheetahDir-v0"
 NETS = {"2 x 256": [256, 256], "2 x 128": [128, 128], "the paper's": {"pi": [128, 128], "qf": [128]}}

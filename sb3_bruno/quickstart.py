@@ -18,11 +18,11 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from sb3_bruno import BrunoSAC
-from sb3_bruno.denormals import flushed_denormals
-from sb3_bruno.eval_callback import TaskEvalCallback, load_learning_curve
 from sb3_bruno.evaluation import AdaptationResult, evaluate_adaptation
-from sb3_bruno.plotting import plot_adaptation, plot_learning_curves
-from sb3_bruno.resume import ResumeCallback, resume
+from sb3_bruno.evaluation.eval_callback import TaskEvalCallback, load_learning_curve
+from sb3_bruno.plotting.curves import plot_adaptation, plot_learning_curves
+from sb3_bruno.resume.checkpoint import ResumeCallback, resume
+from sb3_bruno.runs.denormals import flushed_denormals
 from sb3_bruno_envs import CHEETAH_DIR_TASKS
 
 ENV_ID = "sb3_bruno_envs:CheetahDir-v0"

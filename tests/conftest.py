@@ -16,7 +16,7 @@ settings.load_profile("sb3_bruno")
 def run(tmp_path, monkeypatch, capsys):
     """Runs the console script in an empty folder; what it prints, and the line on which it gives up."""
 
-    from sb3_bruno.zoo.cli import main  # which takes seconds to import
+    from sb3_bruno.cli.main import main  # which takes seconds to import
 
     def call(*arguments):
         try:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from sb3_bruno.adaptation_result import AdaptationResult
-from sb3_bruno.zoo.cli import main
+from sb3_bruno.cli.main import main
+from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 
 AGENTS = Path(__file__).parents[1] / "agents"
 LEAST = {"bruno_sac/CheetahDir-v0_1": 1_000, "bruno_sac/CheetahVel-v0_1": -70}

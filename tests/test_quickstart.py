@@ -3,9 +3,9 @@
 import pytest
 
 from sb3_bruno import BrunoSAC, quickstart
-from sb3_bruno.adaptation_result import AdaptationResult
-from sb3_bruno.eval_callback import load_learning_curve
-from sb3_bruno.record import Record
+from sb3_bruno.evaluation.adaptation_result import AdaptationResult
+from sb3_bruno.evaluation.eval_callback import load_learning_curve
+from sb3_bruno.runs.record import Record
 
 pytestmark = pytest.mark.mujoco
 

@@ -20,11 +20,11 @@ from torch.distributions import Distribution
 from zuko.lazy import Flow
 
 from sb3_bruno.encoders.base import Outcomes, Statistics, TaskEncoder, Transitions
-from sb3_bruno.exchangeable import Distance, ExchangeableGaussian
-from sb3_bruno.exchangeable import Statistics as LatentStatistics
-from sb3_bruno.exchangeable_t import ExchangeableStudentT
-from sb3_bruno.flow import ConditionalFlow, Latents
-from sb3_bruno.standardize import Standardize
+from sb3_bruno.maths.exchangeable import Distance, ExchangeableGaussian
+from sb3_bruno.maths.exchangeable import Statistics as LatentStatistics
+from sb3_bruno.maths.exchangeable_t import ExchangeableStudentT
+from sb3_bruno.maths.flow import ConditionalFlow, Latents
+from sb3_bruno.maths.standardize import Standardize
 
 NOISE_ENTROPY = 0.5 * math.log(2 * math.pi * math.e)
 """Entropy of one standard normal noise dimension, in nats."""
@@ -53,8 +53,8 @@ class BrunoEncoder(TaskEncoder):
     :param extra_dims: noise dimensions that augment y (section 2.2). None: 4, as in the paper, where the reward
         is modelled alone, and 0 otherwise
     :param flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``, or names one of
-        ``sb3_bruno.flow.FLOWS``: ``"paper_maf"``, or ``"reflected_maf"`` where what speaks for a task at one x speaks
-        against it at another (a direction: the reward's sign turns with the velocity's)
+        ``sb3_bruno.maths.flow.FLOWS``: ``"paper_maf"``, or ``"reflected_maf"`` where what speaks for a task at one x
+        speaks against it at another (a direction: the reward's sign turns with the velocity's)
     :param flow_kwargs: further arguments of ``flow_class``
     :param process: the process in the latent space: ``"gaussian"`` as in the paper, or ``"student_t"``, whose belief
         has a variance that depends on the data; ``"shared_student_t"`` has one scale for all latent dimensions

@@ -20,12 +20,12 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_bruno.eval_callback import TaskEvalCallback
-from sb3_bruno.resume import ResumeCallback, resume
+from sb3_bruno.evaluation.eval_callback import TaskEvalCallback
+from sb3_bruno.resume.checkpoint import ResumeCallback, resume
+from sb3_bruno.runs.origin import save_origin
 from sb3_bruno.zoo.configs import config_file, merged, read_configs
 from sb3_bruno.zoo.held_out import FRESH, HeldOut, hold_out
 from sb3_bruno.zoo.mistake import Mistake, mistake_of
-from sb3_bruno.zoo.origin import save_origin
 
 CHECKPOINT = "checkpoint.pkl"
 ENCODER_ARGUMENTS = {"encoder_class", "encoder_kwargs", "critic_input"}

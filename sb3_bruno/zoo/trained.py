@@ -21,11 +21,10 @@ from rl_zoo3.utils import get_model_path, get_saved_hyperparams
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from sb3_bruno.training_clock import TrainingClock
+from sb3_bruno.runs.clock import TrainingClock
+from sb3_bruno.runs.origin import trained_at
 from sb3_bruno.zoo.configs import config_file, config_name, read_configs
 from sb3_bruno.zoo.mistake import Mistake, mistake_of
-from sb3_bruno.zoo.origin import trained_at
-from sb3_bruno.zoo.parser import at_least_one
 
 
 class TrainedAgent(NamedTuple):
@@ -49,19 +48,6 @@ class TrainedAgent(NamedTuple):
     vec_normalize: VecNormalize | None
     folder: Path
     config: dict[str, Any]
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The flags that choose an agent and its test."""
-    parser.add_argument("--algo", default="bruno_sac", choices=sorted(rl_zoo3.ALGOS), help="(default: bruno_sac)")
-    parser.add_argument("--env", type=EnvironmentName, default="CheetahDir-v0", help="(default: CheetahDir-v0)")
-    parser.add_argument("-f", "--folder", default="logs", help="log folder (default: logs)")
-    parser.add_argument("--exp-id", type=int, default=0, help="run number, 0: the latest (default)")
-    parser.add_argument("--load-best", action="store_true", help="the best model instead of the last")
-    parser.add_argument("--episodes", type=at_least_one, default=10, help="per task (default: 10)")
-    parser.add_argument("--steps", type=at_least_one, help="of each episode (default: the environment's own)")
-    parser.add_argument("--split", choices=["train", "test"], default="test", help="which tasks (default: test)")
-    parser.add_argument("--seed", type=int, default=0, help="of the environments (default: 0)")
 
 
 def load_trained(options: argparse.Namespace) -> TrainedAgent:

@@ -1,7 +1,8 @@
 """The algorithm at hand, and how to make a tiny model of it."""
 
 import pytest
-from tiny_models import ALGORITHMS, POINT, TINY, make_pendulum
+
+from support.tiny_models import ALGORITHMS, POINT, TINY, make_pendulum
 
 
 @pytest.fixture(scope="module", params=ALGORITHMS, ids=lambda one: one.__name__)

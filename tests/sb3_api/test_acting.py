@@ -7,9 +7,9 @@ import pytest
 import torch as th
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
-from tiny_models import assert_same, make_pendulum, rollout
 
 from sb3_bruno import BrunoEncoder
+from support.tiny_models import assert_same, make_pendulum, rollout
 
 
 def test_predict_takes_one_observation_or_many(trained):

@@ -13,9 +13,9 @@ from stable_baselines3.common.callbacks import (
 )
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
-from tiny_models import POINT, TRIAL, assert_same, make_pendulum, normalized
 
 from sb3_bruno import Transitions
+from support.tiny_models import POINT, TRIAL, assert_same, make_pendulum, normalized
 
 
 def test_envs_are_exchanged_for_their_like_only(make_model):

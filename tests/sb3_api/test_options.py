@@ -12,11 +12,11 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNormalize
-from tiny_models import POINT, assert_same, for_each_that_takes
 
-from sb3_bruno.diagnostics import diagnose
+from sb3_bruno.diagnostics.diagnose import diagnose
 from sb3_bruno.encoders import BrunoEncoder, Transitions
 from sb3_bruno_envs import MetaTask, TransitionObservation
+from support.tiny_models import POINT, assert_same, for_each_that_takes
 
 NOISE = {"mean": np.zeros(2), "sigma": 0.1 * np.ones(2)}
 OPTIONS = [

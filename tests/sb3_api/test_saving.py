@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from stable_baselines3 import SAC
 from stable_baselines3.common.env_util import make_vec_env
-from tiny_models import POINT, TINY, assert_same, for_each_that_takes, make_pendulum, rollout
 
-from sb3_bruno.buffers import _RING as RING
+from sb3_bruno.buffers.task_buffer import _RING as RING
+from support.tiny_models import POINT, TINY, assert_same, for_each_that_takes, make_pendulum, rollout
 
 
 @pytest.mark.parametrize("with_env", [True, False])

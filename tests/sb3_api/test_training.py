@@ -16,7 +16,8 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from tensorboard.backend.event_processing import event_accumulator
-from tiny_models import POINT, assert_same, for_each_that_takes, make_point, normalized, rollout
+
+from support.tiny_models import POINT, assert_same, for_each_that_takes, make_point, normalized, rollout
 
 
 @for_each_that_takes({}, {"train_freq": 3, "use_sde": True, "ent_coef": 0.1})

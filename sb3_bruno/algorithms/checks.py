@@ -1,0 +1,165 @@
+"""What cannot work is refused here, before any work is lost, each time with what to do instead."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.preprocessing import is_image_space
+from stable_baselines3.common.vec_env import VecEnv
+
+from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.buffers.task_buffer import TaskReplayBuffer
+from sb3_bruno.encoders import TaskEncoder
+
+WRAP = "wrap the env in `sb3_bruno_envs.MetaTask` and then in `sb3_bruno_envs.TransitionObservation`"
+
+
+def resolve_policy(
+    policy: str | type[BasePolicy], aliases: Mapping[str, type[BasePolicy]]
+) -> type[TaskInferencePolicy]:
+    """The policy class that a name stands for.
+
+    :raises ValueError: if the name is unknown, or the class is no ``TaskInferencePolicy``
+    """
+    resolved = aliases.get(policy) if isinstance(policy, str) else policy
+    if resolved is None:
+        raise ValueError(
+            f"`policy={policy!r}` is unknown: use one of {list(aliases)}. Images are not supported: extract features "
+            "in an observation wrapper."
+        )
+    if not (isinstance(resolved, type) and issubclass(resolved, TaskInferencePolicy)):
+        raise ValueError(f"`policy={resolved}` is no `TaskInferencePolicy`: subclass {next(iter(aliases.values()))}.")
+    return resolved
+
+
+def join_policy_kwargs(given: dict[str, Any] | None, inference: dict[str, Any]) -> dict[str, Any]:
+    """The user's ``policy_kwargs`` with those of task inference.
+
+    :raises ValueError: if a key is in both
+    """
+    twice = sorted(set(given or {}) & set(inference))
+    if twice:
+        raise ValueError(f"{twice} must not be in `policy_kwargs`: pass `{twice[0]}=...` to the algorithm itself.")
+    return {**(given or {}), **inference}
+
+
+def check_algorithm(model: OffPolicyAlgorithm, encoder_batch_size: int, encoder_update_ratio: float) -> None:
+    """Refuse settings of SB3, and of the encoder's updates, that cannot be honoured.
+
+    :raises ValueError: naming the argument, its value and the remedy
+    """
+    if model.n_steps > 1:
+        raise ValueError(
+            f"`n_steps={model.n_steps}` is not supported: sampled transitions need not follow one another. "
+            "Use `n_steps=1`."
+        )
+    buffer_class = model.replay_buffer_class or TaskReplayBuffer
+    if not issubclass(buffer_class, TaskReplayBuffer):
+        raise ValueError(
+            f"`replay_buffer_class={buffer_class.__name__}` is not supported: transitions must be grouped by task. "
+            "Leave it out, or subclass `TaskReplayBuffer`. A goal that is relabelled (HER) is no hidden task."
+        )
+    if encoder_batch_size < 1:
+        raise ValueError(f"`encoder_batch_size` must be at least 1, got {encoder_batch_size}.")
+    if not encoder_update_ratio >= 0:
+        raise ValueError(f"`encoder_update_ratio` must not be negative, got {encoder_update_ratio}.")
+    _check_loaded(model)
+    _check_spaces(model.observation_space, model.action_space)
+
+
+def check_buffer(buffer: ReplayBuffer | None, n_envs: int, encoder: TaskEncoder) -> None:
+    """Refuse a replay buffer that the algorithm or its encoder cannot work with.
+
+    :raises ValueError: if it is no ``TaskReplayBuffer``, holds transitions of another number of envs, or has sequences
+        that are too short for the encoder's bound
+    """
+    if not isinstance(buffer, TaskReplayBuffer):
+        raise ValueError(f"The replay buffer is a {type(buffer).__name__}, no `TaskReplayBuffer`.")
+    if buffer.n_envs != n_envs:
+        raise ValueError(f"The replay buffer is of `n_envs={buffer.n_envs}`, the model has {n_envs}: make as many.")
+    if buffer.sequence_length < encoder.shortest_sequence:
+        raise ValueError(
+            f"`sequence_length={buffer.sequence_length}` is too short for the encoder's objective: "
+            f"`replay_buffer_kwargs=dict(sequence_length={encoder.shortest_sequence})` or more."
+        )
+
+
+def _check_loaded(model: OffPolicyAlgorithm) -> None:
+    """Refuse arguments of ``load`` that say otherwise than what was saved how the encoder and the policy are built.
+
+    SB3's ``load`` makes attributes of its arguments, and builds the policy by what was saved.
+    """
+    for name in ("encoder_class", "encoder_kwargs", "critic_input"):
+        if name in vars(model):
+            given, built = vars(model).pop(name), model.policy_kwargs[name]
+            if (given or {}) != (built or {}):
+                raise ValueError(f"`{name}={given!r}` is not what the model was saved with, {built!r}: leave it out.")
+
+
+def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Space[Any]) -> None:
+    keys = {"observation", "action", "reward", "episode_start"}
+    if not isinstance(observation_space, spaces.Dict) or set(observation_space.spaces) != keys:
+        raise ValueError(
+            f"The observation space must be a Dict of {sorted(keys)}, got {observation_space}: {WRAP}. Wrappers of the "
+            "observation itself (stacked frames, say) go below MetaTask."
+        )
+    if not all(isinstance(space, spaces.Box) for space in observation_space.spaces.values()):
+        raise ValueError(f"Every key of the observation space must be a Box, got {observation_space}: {WRAP}.")
+    if is_image_space(observation_space["observation"]):
+        raise ValueError(
+            f"Images are not supported, got {observation_space['observation']}: extract features in an observation "
+            "wrapper."
+        )
+    wanted = (spaces.flatdim(action_space),)
+    if observation_space["action"].shape != wanted:
+        raise ValueError(
+            f"`action` must have shape {wanted}, got {observation_space['action'].shape}: {WRAP}. Wrappers of the "
+            "action go below MetaTask."
+        )
+
+
+def read_task_space(env: VecEnv, known: spaces.Box | None = None) -> spaces.Box:
+    """The task space of an env.
+
+    :param known: the task space that it must equal, if the model has one already
+    :raises ValueError: if the env has none, or another than the one known
+    """
+    if not env.has_attr("task_space"):
+        raise ValueError(f"The env has no `task_space`: {WRAP}.")
+    found = env.get_attr("task_space")
+    if not isinstance(found[0], spaces.Box) or any(space != found[0] for space in found[1:]):
+        raise ValueError(f"Every env must have the same Box as its `task_space`, got {found}.")
+    task_space: spaces.Box = found[0]
+    if known is not None and known.shape != task_space.shape:
+        raise ValueError(
+            f"The env's `task_space` {task_space} differs from the model's {known}: use the env family that the "
+            "model was trained on."
+        )
+    if known is not None and known != task_space:
+        warnings.warn(
+            f"The env's `task_space` {task_space} has other bounds than the model's {known}: its tasks may lie "
+            "outside those trained on.",
+            stacklevel=2,
+        )
+    return known or task_space
+
+
+def check_task_infos(env: VecEnv) -> None:
+    """Check the infos of a reset that just happened.
+
+    :raises ValueError: if an info has no "task", or one that is not in the task space
+    """
+    space = read_task_space(env)
+    for info in env.unwrapped.reset_infos:
+        if "task" not in info:
+            raise ValueError(f'The reset info has no "task": {WRAP}, or put the task vector there yourself.')
+        task = np.asarray(info["task"], dtype=space.dtype)
+        if not space.contains(task):
+            raise ValueError(f'The reset info\'s "task" {task} is not in the task space {space}: mend `task_space`.')

@@ -1,0 +1,166 @@
+"""The command line, a thin layer over rl_zoo3: its flags, its folders, our algorithms, environments and configs."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import runpy
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import rl_zoo3.enjoy
+import rl_zoo3.train
+import rl_zoo3.utils
+from stable_baselines3.common.vec_env import VecEnv
+
+from sb3_bruno.cli.evaluate import diagnose, evaluate, plot
+from sb3_bruno.cli.parser import command_parser
+from sb3_bruno.cli.report import report
+from sb3_bruno.cli.sweep import sweep
+from sb3_bruno.runs.denormals import flushed_denormals
+from sb3_bruno.runs.origin import ORIGIN, load_command
+from sb3_bruno.zoo.experiment import CHECKPOINT, TaskExperiment
+from sb3_bruno.zoo.mistake import Mistake, mistake_of
+from sb3_bruno.zoo.registry import register
+
+DEFAULTS = {"--algo": "bruno_sac", "--env": "CheetahDir-v0"}
+Arguments = list[str]
+
+
+def main(arguments: Arguments | None = None) -> None:
+    """Run the command that the first argument names."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    name, rest = (arguments[0], arguments[1:]) if arguments else ("--help", [])
+    if name not in COMMANDS:
+        print(USAGE, file=sys.stdout if name in ("-h", "--help") else sys.stderr)
+        sys.exit(0 if name in ("-h", "--help") else f"sb3-bruno: unknown command {name!r}")
+    register()
+    try:
+        COMMANDS[name](rest)
+    except Mistake as mistake:
+        sys.exit(f"sb3-bruno {name}: {mistake}")
+
+
+def train(arguments: Arguments) -> None:
+    """Train an agent as rl_zoo3 does, or go on with a run exactly where its last checkpoint was taken.
+
+    One torch thread unless --num-threads says otherwise. -conf takes a file, or a folder of ours such as oracle.
+
+    example: sb3-bruno train --algo bruno_sac --env CheetahDir-v0 --seed 1 -P
+             sb3-bruno train --resume logs/bruno_sac/CheetahDir-v0_1
+    """
+    parser = _own_parser("train", train)
+    parser.add_argument("--resume", type=Path, metavar="DIR", help="go on with the run in DIR; other flags are its own")
+    parser.add_argument(
+        "--checkpoint-freq", type=int, default=25_000, metavar="N", help="env steps between checkpoints, 0: none"
+    )
+    own, rest = _parse(parser, arguments, rl_zoo3.train.train)
+    TaskExperiment.folder = own.resume
+    if own.resume is not None:
+        if rest:
+            raise Mistake(f"--resume goes on with the run's own flags: leave out {' '.join(rest)}")
+        own, rest = parser.parse_known_args(_command_of(own.resume))
+    for needed in ("wandb", "tensorboard") if "--track" in rest else ():
+        if importlib.util.find_spec(needed) is None:
+            raise Mistake(f"--track needs {needed}, which is not installed: pip install 'sb3_bruno[wandb]'")
+    TaskExperiment.checkpoint_freq = own.checkpoint_freq
+    vars(rl_zoo3.train)["ExperimentManager"] = TaskExperiment  # what train() makes
+    with flushed_denormals():
+        _call(rl_zoo3.train.train, "train", _with_defaults(rest, {**DEFAULTS, "--num-threads": "1"}))
+
+
+def enjoy(arguments: Arguments) -> None:
+    """Watch a trained agent, as rl_zoo3 does.
+
+    example: sb3-bruno enjoy --algo bruno_sac --env CheetahDir-v0 -f logs -n 400
+    """
+    _, rest = _parse(_own_parser("enjoy", enjoy), arguments, rl_zoo3.enjoy.enjoy)
+    _call(rl_zoo3.enjoy.enjoy, "enjoy", _with_defaults(rest, {**DEFAULTS, "-f": "logs"}))
+
+
+def record_video(arguments: Arguments) -> None:
+    """Record a video of a trained agent, as rl_zoo3 does. On a machine without a display set MUJOCO_GL=egl.
+
+    example: sb3-bruno record-video --algo bruno_sac --env CheetahDir-v0 -f logs -n 400
+    """
+    parser = _own_parser("record-video", record_video)
+    parser.add_argument("--gym-packages", nargs="+", default=[], help="packages to import, which register environments")
+    own, rest = _parse(parser, arguments, _rl_zoo3_record_video)
+    for package in own.gym_packages:
+        importlib.import_module(package)
+    _call(_rl_zoo3_record_video, "record-video", _with_defaults(rest, {**DEFAULTS, "-f": "logs"}))
+
+
+COMMANDS: dict[str, Callable[[Arguments], None]] = {
+    "train": train,
+    "enjoy": enjoy,
+    "record-video": record_video,
+    "sweep": sweep,
+    "evaluate": evaluate,
+    "diagnose": diagnose,
+    "plot": plot,
+    "report": report,
+}
+USAGE = "usage: sb3-bruno COMMAND ...\n\ncommands (each with its own --help):\n" + "\n".join(
+    f"  {name:<14}{(command.__doc__ or '').splitlines()[0]}" for name, command in COMMANDS.items()
+)
+
+
+def _rl_zoo3_record_video() -> None:
+    """rl_zoo3's script, which makes its environment without the ``env_kwargs`` of the run's config: they are put in."""
+    make = rl_zoo3.utils.create_test_env
+
+    def make_as_trained(env_id: str, hyperparams: dict[str, Any], env_kwargs: dict[str, Any], **kwargs: Any) -> VecEnv:
+        env_kwargs = {**hyperparams.get("env_kwargs", {}), **env_kwargs}
+        return make(env_id, hyperparams=hyperparams, env_kwargs=env_kwargs, **kwargs)
+
+    vars(rl_zoo3.utils)["create_test_env"] = make_as_trained  # what the script imports
+    try:
+        runpy.run_module("rl_zoo3.record_video", run_name="__main__")
+    finally:
+        vars(rl_zoo3.utils)["create_test_env"] = make
+
+
+def _own_parser(name: str, command: Callable[[Arguments], None]) -> argparse.ArgumentParser:
+    """Of our flags alone: rl_zoo3's parser has the help."""
+    return command_parser(name, command, add_help=False, allow_abbrev=False)
+
+
+def _parse(
+    parser: argparse.ArgumentParser, arguments: Arguments, upstream: Callable[[], None]
+) -> tuple[argparse.Namespace, Arguments]:
+    """Our own flags, and the rest, which is rl_zoo3's. --help shows both."""
+    own, rest = parser.parse_known_args(arguments)
+    if {"-h", "--help"} & set(rest):
+        parser.print_help()
+        print(f"\nand the flags of rl_zoo3 (defaults of ours: {DEFAULTS}):\n")
+        _call(upstream, parser.prog.split()[-1], ["--help"])
+    return own, rest
+
+
+def _with_defaults(arguments: Arguments, defaults: dict[str, str]) -> Arguments:
+    """Ours first: of a flag that is given twice the last one counts."""
+    return [part for flag in defaults.items() for part in flag] + arguments
+
+
+def _call(upstream: Callable[[], None], name: str, arguments: Arguments) -> None:
+    """Call a function that reads ``sys.argv``; what it raises before an agent learns is the user's to mend."""
+    sys.argv = [f"sb3-bruno {name}", *arguments]
+    TaskExperiment.has_started = False
+    try:
+        upstream()
+    except Exception as error:
+        if TaskExperiment.has_started or isinstance(error, Mistake):
+            raise
+        raise mistake_of(error) from error
+
+
+def _command_of(folder: Path) -> Arguments:
+    """The command that started the run in ``folder``, its seed and its folder included."""
+    missing = [name for name in (CHECKPOINT, ORIGIN) if not (folder / name).is_file()]
+    if missing:
+        raise Mistake(f"--resume {folder}: no {missing[0]} there, so there is nothing to go on from")
+    return load_command(folder)

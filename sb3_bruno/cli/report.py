@@ -1,0 +1,61 @@
+"""``sb3-bruno report``: records runs, then makes the page of all that are recorded.
+
+sb3-bruno report logs/*/CheetahDir-v0_* --out docs/results/cheetah_dir
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from sb3_bruno.cli.parser import command_parser
+from sb3_bruno.report.page import check_budgets, write_page
+from sb3_bruno.runs.record import Record
+from sb3_bruno.zoo.mistake import Mistake
+
+
+def report(arguments: list[str]) -> None:
+    """Record runs that were tested by ``evaluate`` and make tables and figures of all that are recorded in a folder.
+
+    example: sb3-bruno report logs/bruno_sac/CheetahDir-v0_* --out results
+    """
+    parser = command_parser("report", report)
+    parser.add_argument("runs", nargs="*", type=Path, help="folders of runs with an adaptation.json")
+    parser.add_argument("--out", type=Path, default=Path("results"), help="where the records and the page are")
+    options = parser.parse_args(arguments)
+    untested = [str(run) for run in options.runs if not (run / "adaptation.json").is_file()]
+    if untested:
+        raise Mistake(f"no adaptation.json in {', '.join(untested)}: test the run by `sb3-bruno evaluate` first")
+    try:
+        new = {options.out / folder: record for folder, record in _records_of(options.runs).items()}
+        check_budgets({**_recorded(options.out), **new}.values())
+        for folder, record in new.items():
+            record.save(folder)
+        records = list(_recorded(options.out).values())
+        if not records:
+            raise Mistake(f"{options.out} holds no record and no run was given: give folders of runs that were tested")
+        print(write_page(records, options.out))
+    except ValueError as error:
+        raise Mistake(str(error)) from error
+
+
+def _recorded(out: Path) -> dict[Path, Record]:
+    """What a page's folder holds, by the folder of each run."""
+    return {path.parent: Record.load(path.parent) for path in sorted(out.glob("*/*/run.json"))}
+
+
+def _records_of(runs: Sequence[Path]) -> dict[str, Record]:
+    """What to keep of each run, by the folder that keeps it."""
+    records: dict[str, Record] = {}
+    for run in runs:
+        record = Record.from_run(run)
+        folder = f"{_folder_name(record.method)}/seed{record.about['config']['seed']}"
+        if folder in records:
+            raise Mistake(f"{run} is a second run of {folder}: one run per method and seed goes on a page; give one")
+        records[folder] = record
+    return records
+
+
+def _folder_name(method: str) -> str:
+    return re.sub(r"[^\w.=-]+", "_", method).strip("_")

@@ -1,0 +1,229 @@
+"""``sb3-bruno sweep init | run | status | best | export``."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import optuna
+import rl_zoo3
+import torch as th
+import yaml
+from optuna.trial import TrialState
+from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
+from rl_zoo3.utils import StoreDict
+
+from sb3_bruno.cli.parser import at_least_one, command_parser
+from sb3_bruno.runs.denormals import flushed_denormals
+from sb3_bruno.zoo.configs import config_file, merged, read_configs
+from sb3_bruno.zoo.mistake import Mistake, mistake_of
+from sb3_bruno.zoo.sweep import (
+    COUNTED,
+    GIVEN_BACK,
+    OWNER,
+    SETTINGS,
+    SweepExperiment,
+    give_back_surplus,
+    load_study,
+    open_storage,
+    requeue_lost_trials,
+)
+
+PATIENCE = 5  # trials that may fail one after another before a worker gives up
+
+
+def sweep(arguments: list[str]) -> None:
+    """Search hyperparameters with Optuna, by any number of workers on one machine or many.
+
+    example: sb3-bruno sweep init --storage sweep.log --study-name point --env PointDir-v0 -n 6000
+             sb3-bruno sweep run --storage sweep.log --study-name point --max-total-trials 40   # as often as you like
+             sb3-bruno sweep status --storage sweep.log --study-name point
+             sb3-bruno sweep best --storage sweep.log --study-name point --out best.yml
+             sb3-bruno train --env PointDir-v0 -conf best.yml
+    """
+    options = _parser().parse_args(arguments)
+    options.command(options)
+
+
+class StoreParams(StoreDict):
+    """``-params``, which are Python: whatever they raise is the user's to mend."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option_string: Any = None
+    ) -> None:
+        """As rl_zoo3.
+
+        :raises Mistake: if one of them cannot be read
+        """
+        try:
+            super().__call__(parser, namespace, values, option_string)  # type: ignore[no-untyped-call]  # rl_zoo3's
+        except Exception as error:
+            given = f"{option_string} {' '.join(values)}"
+            raise Mistake(f"{given}: {mistake_of(error)}: give NAME:VALUE, a VALUE that is text in quotes") from error
+
+
+def init(options: argparse.Namespace) -> None:
+    """Create the study: once, before the workers start."""
+    settings = {
+        "algo": options.algo,
+        "env": options.env,
+        "config": merged(read_config(options.algo, options.env, options.conf), options.hyperparams or {}),
+        "n_timesteps": options.n_timesteps,
+        "n_evaluations": options.n_evaluations,
+        "n_startup_trials": options.n_startup_trials,
+        "seed": options.seed,
+    }
+    SweepExperiment(settings).check()
+    try:
+        study = optuna.create_study(
+            study_name=options.study_name, storage=open_storage(options.storage), direction="maximize"
+        )
+    except optuna.exceptions.DuplicatedStudyError as error:
+        raise Mistake(f"{options.storage} has a study {options.study_name}: choose another --study-name") from error
+    study.set_user_attr(SETTINGS, settings)
+    print(f"Made {options.study_name} in {options.storage}: start workers with sb3-bruno sweep run")
+
+
+def read_config(algo: str, env: str, conf: str | None) -> dict[str, Any]:
+    """The hyperparameters that are not drawn.
+
+    :raises Mistake: if there are none for this algorithm and environment
+    """
+    try:
+        path = config_file(algo, conf) or str(Path(rl_zoo3.__file__).parent / "hyperparams" / f"{algo}.yml")
+        config: dict[str, Any] = read_configs(path)[env]
+    except (OSError, ValueError) as error:
+        raise Mistake(str(error)) from error
+    except KeyError as error:
+        raise Mistake(f"{path} has no {env}: give another file by -conf") from error
+    return config
+
+
+def run(options: argparse.Namespace) -> None:
+    """Work on the study until it has --max-total-trials, or for --n-trials; any number of workers may."""
+    th.set_num_threads(1)
+    study = load_study(options.storage, options.study_name)
+    experiment = SweepExperiment(study.user_attrs[SETTINGS])
+
+    def objective(trial: optuna.Trial) -> float:
+        if options.max_total_trials:
+            give_back_surplus(trial, options.max_total_trials)
+        with flushed_denormals():
+            return experiment.objective(trial)
+
+    def is_done() -> bool:
+        tell_of_lost_trials(study)
+        return len(study.get_trials(deepcopy=False, states=COUNTED)) >= (options.max_total_trials or float("inf"))
+
+    n_failed = 0  # one after another
+
+    def stop_when_done(study: optuna.Study, trial: optuna.trial.FrozenTrial) -> None:
+        nonlocal n_failed
+        n_failed = n_failed + 1 if trial.state == TrialState.FAIL and GIVEN_BACK not in trial.user_attrs else 0
+        if is_done() or n_failed == PATIENCE:
+            study.stop()
+
+    if not is_done():
+        study.optimize(
+            objective,
+            n_trials=options.n_trials,
+            callbacks=[stop_when_done],
+            catch=(Exception,),  # an error fails its trial, traceback and all, and the next one starts
+            gc_after_trial=True,
+        )
+    status(options)
+    if n_failed == PATIENCE:
+        raise Mistake(f"{PATIENCE} trials failed one after another, for the reason above: mend it and start again")
+
+
+def status(options: argparse.Namespace) -> None:
+    """Count the trials by state; show who works on which, and the best so far."""
+    study = load_study(options.storage, options.study_name)
+    tell_of_lost_trials(study)
+    trials = study.get_trials(deepcopy=False)
+    counts = Counter("given back" if GIVEN_BACK in one.user_attrs else one.state.name.lower() for one in trials)
+    print(f"{options.study_name}: {len(trials)} trials " + ", ".join(f"{n} {name}" for name, n in counts.items()))
+    for trial in trials:
+        if trial.state == TrialState.RUNNING:
+            owner = trial.user_attrs.get(OWNER, {"host": "?", "pid": "?"})
+            print(f"  trial {trial.number} runs on {owner['host']} as process {owner['pid']}")
+    if counts["complete"]:
+        print(f"  best: trial {study.best_trial.number}, return {study.best_value:.2f}, {study.best_params}")
+
+
+def tell_of_lost_trials(study: optuna.Study) -> None:
+    """Queue the trials of workers that are gone again, and say so."""
+    for number in requeue_lost_trials(study):
+        print(f"Trial {number} lost its worker: queued again")
+
+
+def best(options: argparse.Namespace) -> None:
+    """Write the best hyperparameters as a config that sb3-bruno train takes as it is."""
+    study = load_study(options.storage, options.study_name)
+    if not study.get_trials(deepcopy=False, states=[TrialState.COMPLETE]):
+        raise Mistake(f"no trial of {options.study_name} is complete: start workers with sb3-bruno sweep run")
+    settings, trial = study.user_attrs[SETTINGS], study.best_trial
+    base = settings["config"]
+    drawn = HYPERPARAMS_CONVERTER[settings["algo"]]({**trial.params, "n_envs": base.get("n_envs", 1)})
+    config = {settings["env"]: merged(base, drawn)}
+    made_by = f"# Trial {trial.number} of {len(study.trials)} of {options.study_name}: return {trial.value:.2f} after "
+    made_by += f"{settings['n_timesteps']:,} env steps, on training tasks held out.\n"
+    try:
+        text = made_by + yaml.safe_dump(config, sort_keys=False)
+    except yaml.representer.RepresenterError as error:
+        raise Mistake(f"--algo {settings['algo']} draws what YAML cannot hold: {error}") from error
+    save(text, options.out)
+    print(text + f"\nSaved {options.out}: sb3-bruno train --env {settings['env']} -conf {options.out}")
+
+
+def export(options: argparse.Namespace) -> None:
+    """Write every trial with its state, return, duration and draws as CSV."""
+    study = load_study(options.storage, options.study_name)
+    table = study.trials_dataframe(attrs=("number", "state", "value", "duration", "params"))
+    save(table.to_csv(index=False), options.out)
+    print(f"Saved {len(study.trials)} trials in {options.out}")
+
+
+def save(text: str, path: Path) -> None:
+    """Write a file whose folder need not be there yet.
+
+    :raises Mistake: if it cannot be written
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8", newline="")  # a table has its line ends already
+    except OSError as error:
+        raise Mistake(f"--out {path} cannot be written, give another: {error.strerror}") from error
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = command_parser("sweep", sweep)
+    commands = parser.add_subparsers(required=True, metavar="init | run | status | best | export")
+    for command in (init, run, status, best, export):
+        one = commands.add_parser(command.__name__, help=command.__doc__, description=command.__doc__)
+        one.set_defaults(command=command)
+        one.add_argument("--storage", required=True, help="a journal file (sweep.log) or postgresql://...")
+        one.add_argument("--study-name", required=True)
+        if command is init:
+            one.add_argument("--algo", default="bruno_sac", choices=sorted(HYPERPARAMS_SAMPLER.keys() & rl_zoo3.ALGOS))
+            one.add_argument("--env", default="CheetahDir-v0", help="(default: CheetahDir-v0)")
+            one.add_argument("-conf", "--conf-file", dest="conf", help="what is not drawn (default: ours)")
+            one.add_argument("-n", "--n-timesteps", type=at_least_one, required=True, help="env steps of a trial")
+            one.add_argument(
+                "--n-evaluations", type=at_least_one, default=5, help="of a trial, for pruning (default: 5)"
+            )
+            one.add_argument(
+                "--n-startup-trials", type=at_least_one, default=10, help="drawn at random first (default: 10)"
+            )
+            one.add_argument("--seed", type=int, default=0, help="of the first trial; each has its own (default: 0)")
+            one.add_argument("-params", "--hyperparams", nargs="+", action=StoreParams, help="as in train")
+        if command is run:
+            one.add_argument("--n-trials", type=at_least_one, help="trials of this worker (default: without end)")
+            one.add_argument("--max-total-trials", type=at_least_one, help="trials of all workers together")
+        if command is best:
+            one.add_argument("--out", type=Path, default=Path("best.yml"), help="(default: best.yml)")
+        if command is export:
+            one.add_argument("--out", type=Path, default=Path("trials.csv"), help="(default: trials.csv)")
+    return parser

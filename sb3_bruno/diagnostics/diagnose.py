@@ -1,0 +1,218 @@
+"""How far an agent's beliefs can be trusted: calibration, strangeness and what they predict, on episodes of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import torch as th
+from numpy.typing import ArrayLike
+from stable_baselines3.common.vec_env import VecNormalize
+
+from sb3_bruno.algorithms.beliefs import AgentView, TaskBelief
+from sb3_bruno.algorithms.task_inference import TaskInference
+from sb3_bruno.diagnostics.result import Diagnostics, Floats
+from sb3_bruno.encoders import BrunoEncoder, Transitions
+from sb3_bruno.evaluation.episodes import Episode, pad_episodes, record_episodes
+
+__all__ = ["Diagnostics", "diagnose"]
+
+N_SAMPLES = 99  # of the predictive: ranks 0 to 99 among them
+N_SCORED = 50  # steps of an episode whose PIT is taken, at most
+N_CONTEXT = 20  # transitions of the sets whose distance is taken, at most
+INTERVAL = (0.05, 0.95)  # the ends of the 90 % interval
+
+
+def diagnose(
+    model: TaskInference,
+    make_env: Callable[[], gym.Env[Any, Any]],
+    tasks: ArrayLike,
+    *,
+    n_episodes: int = 10,
+    seed: int = 0,
+    vec_normalize: VecNormalize | None = None,
+    outside_tasks: ArrayLike | None = None,
+) -> Diagnostics:
+    """Let the deterministic agent act, on new episodes, and compare what it believed with what came.
+
+    - Calibration: each modelled quantity's rank among samples of its predictive given the transitions before it, at
+      up to 50 steps spread over the episode. Beliefs and predictions are the agent's own, so the noise that augments
+      their context is zero; a policy that may forget is taken as one that does not.
+    - Distance: beta_n of up to 20 transitions spread over the episode, against chi-squared or F. The model takes
+      transitions of one task for independent given the task, and neighbours in an agent's stream are not. So the
+      whole episode would show the correlation and not the model; these few show less of it, not none.
+    - Bounds: of every transition given those before it. Like the distances, with noise drawn.
+    - Alarm: an episode's score is minus its mean bound. On trained agents the tail of beta_n told less: it asks only
+      whether the latents fit together. An episode more regular than expected scores low and raises no alarm.
+
+    All random numbers come from ``seed``; torch's own state is as it was before. Needs the ``plots`` extra, for SciPy.
+
+    Args:
+        model: the agent; its encoder is a ``BrunoEncoder``.
+        make_env: makes one environment with a time limit, as for ``evaluate_adaptation``.
+        tasks: the tasks to give at reset, ``(n_tasks, task_dim)``.
+        n_episodes: per task, inside and outside.
+        seed: of the environments and samples; the outside episodes have the next one.
+        vec_normalize: the training environment's, whose statistics normalise the observations; not updated.
+        outside_tasks: tasks that should raise the alarm, ``(n_outside, task_dim)``.
+
+    Returns:
+        The measurements; ``summary()`` and ``plot_diagnostics`` show them.
+
+    Raises:
+        ValueError: if the encoder is no ``BrunoEncoder``, or as ``record_episodes``.
+    """
+    encoder = model.policy.encoder
+    if not isinstance(encoder, BrunoEncoder):
+        raise ValueError(
+            f"model's encoder is of class {type(encoder).__name__}, which has no beta_n: use a BrunoEncoder."
+        )
+
+    def record(tasks: ArrayLike, seed: int) -> list[list[Episode]]:
+        return record_episodes(model, make_env, tasks, n_episodes=n_episodes, seed=seed, vec_normalize=vec_normalize)
+
+    inside = record(tasks, seed)
+    outside = None if outside_tasks is None else record(outside_tasks, seed + 1)
+    view, rng = AgentView(model.policy, vec_normalize), np.random.default_rng(seed)
+    with th.no_grad(), th.random.fork_rng([model.device] if model.device.type == "cuda" else []):
+        th.manual_seed(seed)
+        sequences = _pad(inside)
+        findings = [_compare(view, of_task, rng) for of_task in sequences]
+        beliefs, explained = _principal_axes(np.stack([one.means for one in findings]))
+        return Diagnostics(
+            tasks=np.asarray(tasks, dtype=np.float64),
+            quantities=np.array(findings[0].quantities),
+            pit=np.stack([one.pit for one in findings]),
+            distance_levels=np.array([[_levels(view, encoder, one) for one in of_task] for of_task in inside]),
+            bounds=_bounds(view, sequences),
+            beliefs=beliefs,
+            explained=explained,
+            real=np.stack([one.real for one in findings]),
+            predicted=np.stack([one.predicted for one in findings], axis=1),
+            outside_tasks=None if outside is None else np.asarray(outside_tasks, dtype=np.float64),
+            outside_bounds=None if outside is None else _bounds(view, _pad(outside)),
+        )
+
+
+class _Comparison(NamedTuple):
+    """What was believed and predicted in the episodes of one task, beside what came.
+
+    :ivar quantities: names of what is modelled
+    :ivar pit: (n_episodes, n_steps, n_quantities)
+    :ivar means: posterior means, (n_episodes, horizon + 1, latent_dim)
+    :ivar real: the first quantity in the first episode, (horizon,)
+    :ivar predicted: its predictive mean and the ends of the interval, (3, horizon)
+    """
+
+    quantities: list[str]
+    pit: Floats
+    means: Floats
+    real: Floats
+    predicted: Floats
+
+
+class _Sequences(NamedTuple):
+    """The episodes of one task, padded with NaN.
+
+    :ivar transitions: arrays (n_episodes, horizon, dim)
+    :ivar absorbed: 1 where the agent was shown the transition, 0 at an inner end of a trial, (n_episodes, horizon)
+    """
+
+    transitions: Transitions
+    absorbed: Floats
+
+
+def _pad(episodes: Sequence[Sequence[Episode]]) -> list[_Sequences]:
+    """The episodes of each task, all as long as the longest."""
+    every = [_transitions(episode) for of_task in episodes for episode in of_task]
+    columns = [np.split(pad_episodes(column), len(episodes)) for column in zip(*every, strict=True)]
+    absorbed = np.nan_to_num(pad_episodes([1.0 - one.inner_ends for of_task in episodes for one in of_task]))
+    rows = zip(zip(*columns, strict=True), np.split(absorbed, len(episodes)), strict=True)
+    return [_Sequences(Transitions(*parts), shown) for parts, shown in rows]
+
+
+def _transitions(episode: Episode) -> Transitions:
+    """The transitions of an episode, arrays (length, dim)."""
+    columns: list[Any] = [episode.observations, episode.actions, episode.rewards, episode.next_observations]
+    return Transitions(*(column.reshape(len(column), -1) for column in columns))
+
+
+def _compare(view: AgentView, sequences: _Sequences, rng: np.random.Generator) -> _Comparison:
+    """Beliefs and predictions given the transitions before, and what came."""
+    observed = view.observe(*sequences.transitions)
+    prefixes = view.encoder.prefixes(observed, weights=th.as_tensor(sequences.absorbed).to(observed.rewards))
+    horizon = sequences.absorbed.shape[1]
+
+    def outcomes(episodes: slice, steps: list[int]) -> tuple[list[str], Floats, Floats]:
+        """Names (n_quantities,), real values (..., n_quantities) and samples (n_samples, ..., n_quantities)."""
+        statistics = tuple(one[episodes, steps] for one in prefixes)
+        belief = TaskBelief(view.encoder.posterior(statistics), statistics)
+        here = Transitions(*(one[episodes, steps] for one in sequences.transitions))
+        modelled = view.outcomes(belief, here.observations, here.actions, here.next_observations, N_SAMPLES)
+        names, real, samples = [], [], []
+        if modelled.rewards is not None:
+            names, real, samples = ["reward"], [here.rewards], [modelled.rewards.cpu().numpy()]
+        if modelled.next_observations is not None:
+            # The change, for where the agent is says almost all of where it will be, and hides what was predicted.
+            names += [f"change of observation {i}" for i in range(here.observations.shape[-1])]
+            real.append(here.next_observations - here.observations)
+            samples.append(modelled.next_observations.cpu().numpy() - here.observations)
+        return names, np.concatenate(real, axis=-1), np.concatenate(samples, axis=-1)
+
+    names, real, samples = outcomes(np.s_[:], _spread(horizon, N_SCORED))
+    pit = _randomized_ranks(real, samples, rng)
+    _, real, samples = outcomes(np.s_[:1], list(range(horizon)))
+    first = samples[:, 0, :, 0]
+    predicted = np.stack([first.mean(axis=0), *np.quantile(first, INTERVAL, axis=0)])
+    means = view.encoder.posterior(prefixes).mean.cpu().double().numpy()
+    return _Comparison(names, pit, means, real[0, :, 0], predicted)
+
+
+def _spread(length: int, at_most: int) -> list[int]:
+    """Steps evenly over an episode, its first and its last among them."""
+    steps: list[int] = np.unique(np.linspace(0, length - 1, at_most).astype(int)).tolist()
+    return steps
+
+
+def _randomized_ranks(values: Floats, samples: Floats, rng: np.random.Generator) -> Floats:
+    """The rank of values (...) among samples (n, ...), in (0, 1): uniform if they have one distribution, ties or not.
+
+    Example: a value with 3 of 9 samples below and none equal is drawn from U(0.3, 0.4).
+    """
+    below, equal = (samples < values).sum(axis=0), (samples == values).sum(axis=0)
+    ranks = (below + (equal + 1) * rng.random(values.shape)) / (len(samples) + 1)
+    return np.where(np.isnan(values), np.nan, ranks)
+
+
+def _bounds(view: AgentView, sequences: list[_Sequences]) -> Floats:
+    """The bound on every transition given all before it, (n_tasks, n_episodes, horizon)."""
+    bounds = [view.encoder.one_step_bounds(view.observe(*of_task.transitions)) for of_task in sequences]
+    return th.stack(bounds).cpu().double().numpy()
+
+
+def _levels(view: AgentView, encoder: BrunoEncoder, episode: Episode) -> Floats:
+    """The PIT of beta_n of transitions spread over an episode, (n_scales,)."""
+    from scipy.stats import chi2, f
+
+    spread = _spread(len(episode.rewards), N_CONTEXT)
+    distance = encoder.distance(view.observe(*(one[spread] for one in _transitions(episode))))
+    beta, n_values, df = (one.cpu().double().numpy() for one in distance)
+    if np.isinf(df).all():
+        levels: Floats = chi2.cdf(beta, n_values)
+    else:
+        levels = f.cdf(beta / n_values * df / (df - 2), n_values, df)
+    return levels
+
+
+def _principal_axes(means: Floats) -> tuple[Floats, Floats]:
+    """Points (..., dim) on their two principal axes (..., 2), and the share of the variance on each (2,)."""
+    known = means[~np.isnan(means).any(axis=-1)]
+    center = known.mean(axis=0)
+    _, spread, axes = np.linalg.svd(known - center, full_matrices=False)
+    padded = np.zeros((2, means.shape[-1]))  # one latent dimension has but one axis
+    padded[: len(axes)] = axes[:2]
+    shares = np.zeros(2)
+    shares[: len(spread)] = (spread**2 / max((spread**2).sum(), np.finfo(float).tiny))[:2]
+    return (means - center) @ padded.T, shares

@@ -1,0 +1,161 @@
+"""One figure of a belief's diagnostics: calibration, distances, alarm, bound, trajectories, predictions."""
+
+from __future__ import annotations
+
+from itertools import cycle
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sb3_bruno.diagnostics.result import Diagnostics, Floats
+from sb3_bruno.plotting.style import COLORS, INK, style_panel, task_title
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MAX_NAMED = 4  # lines of one panel that the legend names; of more, all have one colour
+_MAX_TRACES = 2  # tasks whose prediction is drawn
+_ALARM_REACH = 4  # times their range, beyond which scores are drawn no further from those inside
+_GREY = "#9A9A9A"  # what would be ideal
+
+
+def plot_diagnostics(diagnostics: Diagnostics, path: str | Path) -> None:
+    """Write the figure of ``draw_diagnostics``; the suffix of ``path`` chooses the format."""
+    draw_diagnostics(diagnostics).savefig(path, dpi=150)
+
+
+def draw_diagnostics(diagnostics: Diagnostics) -> Figure:
+    """Draw all six diagnostics, on a figure that pyplot does not know. Needs the ``plots`` extra."""
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    figure = Figure(figsize=(15.5, 8.6), layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12))
+    panels: list[Axes] = list(figure.subplots(2, 3).flat)
+    drawings = (_draw_pit, _draw_distances, _draw_alarm, _draw_bounds, _draw_beliefs, _draw_prediction)
+    for panel, draw in zip(panels, drawings, strict=True):
+        draw(panel, diagnostics)
+    return figure
+
+
+def _draw_pit(panel: Axes, found: Diagnostics) -> None:
+    """Histograms of the PIT: flat if calibrated, a hump if too wide, a cup if too narrow."""
+    half, most = (_percent(found.coverage(level).mean()) for level in (0.5, 0.9))
+    style_panel(panel, f"Calibration: {half} within 50 %, {most} within 90 %")
+    edges = np.linspace(0.0, 1.0, 21)
+    few, highest = len(found.quantities) <= _MAX_NAMED, 1.0
+    for i, (name, ks, color) in enumerate(zip(found.quantities, found.pit_ks(), cycle(COLORS), strict=False)):
+        values = found.pit[..., i]
+        density, _ = np.histogram(values[~np.isnan(values)], bins=edges, density=True)
+        style: dict[str, Any] = {"color": color, "label": f"{name}, KS {ks:.2f}"} if few else {"color": COLORS[0]}
+        highest = max(highest, density.max())
+        panel.stairs(density, edges, linewidth=1.8, alpha=1.0 if few else 0.3, **style)
+    panel.axhline(1.0, color=_GREY, linestyle=(0, (5, 3)), label="calibrated")
+    panel.set_ylim(0.0, 1.4 * highest)  # room for the legend
+    panel.set_xlim(0.0, 1.0)
+    _label(panel, "PIT of the one-step predictive", "density")
+
+
+def _draw_distances(panel: Axes, found: Diagnostics) -> None:
+    """The distribution function of the distances' PIT: the diagonal if calibrated."""
+    levels = found.distance_levels.reshape(-1, found.distance_levels.shape[-1])
+    style_panel(panel, f"Distance of {len(levels)} sets of transitions")
+    few = levels.shape[1] <= _MAX_NAMED
+    for i, (ks, color) in enumerate(zip(found.distance_ks(), cycle(COLORS), strict=False)):
+        name = f"latent {i}" if levels.shape[1] > 1 else "all latents"
+        style: dict[str, Any] = {"color": color, "label": f"{name}, KS {ks:.2f}"} if few else {"color": COLORS[0]}
+        panel.ecdf(levels[:, i], linewidth=1.8, alpha=1.0 if few else 0.3, **style)
+    panel.plot([0.0, 1.0], [0.0, 1.0], color=_GREY, linestyle=(0, (5, 3)), label="calibrated")
+    panel.set_xlim(-0.02, 1.02)
+    panel.set_ylim(0.0, 1.02)
+    _label(panel, r"PIT of $\beta_n$", "share of sets below")
+
+
+def _draw_alarm(panel: Axes, found: Diagnostics) -> None:
+    """Histograms of the scores, inside and outside; what is far outside is in the outermost bars."""
+    from matplotlib.ticker import MaxNLocator
+
+    groups = {"these tasks": found.scores().ravel()}
+    if found.outside_tasks is not None:
+        groups["outside tasks"] = found.outside_scores().ravel()
+    told = f": AUROC {found.auroc():.3f}" if len(groups) > 1 else ""
+    style_panel(panel, f"Out-of-distribution alarm{told}")
+    every, inside = np.concatenate(list(groups.values())), groups["these tasks"]
+    reach = max(_ALARM_REACH * np.ptp(inside), 1e-6)
+    low, high = max(every.min(), inside.min() - reach), min(every.max(), inside.max() + reach)
+    cut = every.min() < low or every.max() > high
+    edges = np.histogram_bin_edges(inside, bins=40, range=(low, high)).tolist()
+    for (name, scores), color in zip(groups.items(), COLORS, strict=False):
+        panel.hist(np.clip(scores, low, high), bins=edges, color=color, alpha=0.55, label=name)
+    panel.yaxis.set_major_locator(MaxNLocator(integer=True))
+    _label(panel, f"minus mean bound, nats{' (outer bars: and beyond)' if cut else ''}", "episodes")
+
+
+def _draw_bounds(panel: Axes, found: Diagnostics) -> None:
+    """The bound at each step: the median episode and the middle half."""
+    style_panel(panel, f"Bound on held-out transitions: {found.numbers()['bound_nats']:.2f} nats")
+    low, middle, high = np.nanquantile(found.bounds, (0.25, 0.5, 0.75), axis=(0, 1))
+    steps = np.arange(1, len(middle) + 1)
+    panel.fill_between(steps, low, high, color=COLORS[0], alpha=0.18, linewidth=0, label="middle half of episodes")
+    panel.plot(steps, middle, color=COLORS[0], linewidth=1.8, label="median episode")
+    panel.margins(x=0.01)
+    _label(panel, "environment step", "nats per transition")
+
+
+def _draw_beliefs(panel: Axes, found: Diagnostics) -> None:
+    """Each episode's posterior means, from the prior (a cross) to the end (a dot)."""
+    style_panel(panel, f"Posterior means, {_percent(found.explained.sum())} of their variance")
+    few = len(found.tasks) <= len(COLORS)
+    colors = list(COLORS) if few else _scale(panel, found.tasks[:, 0])
+    for task, episodes, color in zip(found.tasks, found.beliefs, colors, strict=False):
+        for i, path in enumerate(episodes):
+            known = path[~np.isnan(path).any(axis=-1)]
+            panel.plot(*known.T, color=color, linewidth=0.8, alpha=0.5)
+            label = _title(task) if few and i == 0 else None
+            panel.plot(*known[-1], color=color, marker="o", markersize=6, linestyle="", label=label)
+    panel.plot(*found.beliefs[0, 0, 0], color=INK, marker="x", markersize=9, linestyle="", label="prior")
+    _label(panel, *(f"principal axis {i + 1} ({_percent(share, 1)})" for i, share in enumerate(found.explained)))
+
+
+def _scale(panel: Axes, values: Any) -> list[Any]:
+    """A colour for each value, and the bar that tells which."""
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    mappable = ScalarMappable(Normalize(values.min(), values.max()), colormaps["viridis"])
+    bar = panel.get_figure().colorbar(mappable, ax=panel)  # type: ignore[union-attr]  # it is on one
+    bar.set_label("task, first dimension", fontsize=12, color=INK)
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(labelsize=11, colors=INK)
+    return list(mappable.to_rgba(values))
+
+
+def _draw_prediction(panel: Axes, found: Diagnostics) -> None:
+    """What came and what was predicted, one episode each of the first tasks."""
+    name = str(found.quantities[0])
+    style_panel(panel, f"Predicted and real {name}")
+    steps = np.arange(1, found.real.shape[1] + 1)
+    for i, color in zip(range(min(len(found.tasks), _MAX_TRACES)), COLORS, strict=False):
+        mean, low, high = found.predicted[:, i]
+        title = _title(found.tasks[i])
+        panel.fill_between(steps, low, high, color=color, alpha=0.18, linewidth=0)
+        panel.plot(steps, mean, color=color, linewidth=1.2, label=f"{title}: mean, 90 %")
+        panel.plot(steps, found.real[i], color=color, linestyle="", marker=".", markersize=4, label=f"{title}: real")
+    panel.margins(x=0.01)
+    _label(panel, "environment step", name)
+
+
+def _title(task: Floats) -> str:
+    return task_title(task.round(2))
+
+
+def _percent(share: float, digits: int = 0) -> str:
+    return f"{100 * share:.{digits}f} %"
+
+
+def _label(panel: Axes, x: str, y: str) -> None:
+    panel.set_xlabel(x, fontsize=12, color=INK)
+    panel.set_ylabel(y, fontsize=12, color=INK)
+    panel.legend(fontsize=10, frameon=False, labelcolor=INK)

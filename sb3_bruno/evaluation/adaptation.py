@@ -1,0 +1,67 @@
+"""The rewards that a model earns on given tasks, episode by episode, with all that tells how they were made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike
+from stable_baselines3.common.type_aliases import PolicyPredictor
+from stable_baselines3.common.vec_env import VecNormalize
+
+from sb3_bruno.evaluation.adaptation_result import AdaptationResult
+from sb3_bruno.evaluation.episodes import pad_episodes, record_episodes
+from sb3_bruno.evaluation.versions import library_versions
+
+
+def evaluate_adaptation(
+    model: PolicyPredictor,
+    make_env: Callable[[], gym.Env[Any, Any]],
+    tasks: ArrayLike,
+    *,
+    n_episodes: int = 10,
+    deterministic: bool = True,
+    seed: int = 0,
+    vec_normalize: VecNormalize | None = None,
+    max_envs: int = 64,
+    config: Mapping[str, Any] | None = None,
+) -> AdaptationResult:
+    """Run whole episodes of every task, many side by side, each without a state to start from.
+
+    Args:
+        model: anything with SB3's ``predict``; its ``state`` is carried through each episode.
+        make_env: makes one environment with a time limit; called up to ``max_envs`` times.
+        tasks: the tasks to give at reset, ``(n_tasks, task_dim)``.
+        n_episodes: per task.
+        deterministic: whether the model acts without noise; if not, torch's seed decides the numbers too.
+        seed: gives every episode a reset seed of its own, the same for any ``max_envs``.
+        vec_normalize: the training environment's, whose statistics normalise the observations; not updated.
+        max_envs: the number of environments side by side, at most.
+        config: kept in the result, to tell it from others.
+
+    Returns:
+        The raw rewards; an episode that ends early is padded with NaN.
+
+    Raises:
+        ValueError: if an argument is invalid, or the environment does not take the task that it is given.
+    """
+    episodes = record_episodes(
+        model,
+        make_env,
+        tasks,
+        n_episodes=n_episodes,
+        deterministic=deterministic,
+        seed=seed,
+        vec_normalize=vec_normalize,
+        max_envs=max_envs,
+    )
+    rewards = pad_episodes([episode.rewards for of_task in episodes for episode in of_task])
+    return AdaptationResult(
+        tasks=np.asarray(tasks, dtype=np.float64),
+        rewards=rewards.reshape(len(episodes), n_episodes, -1),
+        config=dict(config or {}),
+        seed=seed,
+        versions=library_versions(),
+    )

@@ -1,0 +1,212 @@
+"""The rewards a model earned on given tasks, and what can be read from them; knows numpy, JSON and rliable only."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sb3_bruno.evaluation.interquartile import Interval, interquartile_mean
+
+Floats = NDArray[np.float64]
+
+FEW_TASKS = 4
+"""As many tasks are shown each by itself, in figures, tables and videos; more are pooled."""
+
+
+def task_label(task: ArrayLike) -> str:
+    """A short name for a task vector, fit for log keys: ``[0.5, -1.0]`` is ``"0.5_-1"``."""
+    values = np.atleast_1d(np.asarray(task, dtype=np.float64)).round(6) + 0.0  # 6e-17 and -0 are 0
+    return "_".join(f"{value:g}" for value in values)
+
+
+@dataclass(frozen=True, eq=False)
+class AdaptationResult:
+    """The rewards of every step of every episode, and where they come from.
+
+    Args:
+        tasks: the hidden tasks, ``(n_tasks, task_dim)``.
+        rewards: the environment's own rewards, ``(n_tasks, n_episodes, horizon)``, NaN after an episode.
+            Single precision, as SB3's VecEnv delivers them; sums and means are double.
+        config: whatever tells this result from others; JSON values only (a tuple becomes a list).
+        seed: the seed of the environments.
+        versions: of the libraries that made it.
+
+    Raises:
+        ValueError: if the shapes disagree, a reward is infinite or follows a NaN, or ``config`` is not JSON.
+    """
+
+    tasks: Floats
+    rewards: NDArray[np.float32]
+    config: dict[str, Any] = field(default_factory=dict)
+    seed: int = 0
+    versions: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tasks", np.asarray(self.tasks, dtype=np.float64))
+        object.__setattr__(self, "rewards", np.asarray(self.rewards, dtype=np.float32))
+        object.__setattr__(self, "config", _as_json(self.config))
+        _check_shapes(self.tasks, self.rewards)
+        ended = np.isnan(self.rewards)
+        reborn = ended[..., :-1] & ~ended[..., 1:]
+        if ended[..., 0].any() or reborn.any() or np.isinf(self.rewards).any():
+            raise ValueError("rewards must be finite, and NaN only after an episode's end: check the environment.")
+
+    @property
+    def horizon(self) -> int:
+        """The length of the longest episode, in steps."""
+        return int(self.rewards.shape[2])
+
+    def returns(self, horizon: int | None = None) -> Floats:
+        """The sum of the rewards of the first ``horizon`` steps (all without it), ``(n_tasks, n_episodes)``.
+
+        An episode that ended earlier counts with what it had.
+
+        Raises:
+            ValueError: if ``horizon`` is not in ``1 .. self.horizon``.
+        """
+        horizon = self.horizon if horizon is None else horizon
+        if not 1 <= horizon <= self.horizon:
+            raise ValueError(f"horizon={horizon} is outside 1 .. {self.horizon}, the steps recorded: evaluate longer.")
+        sums: Floats = np.nansum(self.rewards[..., :horizon], axis=-1, dtype=np.float64)
+        return sums
+
+    def returns_per_episode(self, n_episodes: int) -> Floats:
+        """The return of each inner episode, where an episode is a trial, ``(n_tasks, trials, n_episodes)``.
+
+        Cuts each trial into ``n_episodes`` of equal length: right where its inner episodes end by a time limit alone.
+
+        Example:
+            Rewards 0, 1, 2, 3 and ``n_episodes=2``: the returns are 1 and 5.
+
+        Raises:
+            ValueError: if ``n_episodes`` is not positive or does not divide the horizon, or a trial ended early.
+        """
+        if n_episodes < 1 or self.horizon % n_episodes:
+            raise ValueError(
+                f"n_episodes={n_episodes} does not cut {self.horizon} steps evenly: give what Trial was given."
+            )
+        if np.isnan(self.rewards).any():
+            raise ValueError(
+                f"n_episodes={n_episodes} cannot cut trials that ended early: give them a time limit alone."
+            )
+        parts = self.rewards.reshape(*self.rewards.shape[:2], n_episodes, -1)
+        sums: Floats = parts.sum(axis=-1, dtype=np.float64)
+        return sums
+
+    def mean_return(self, horizon: int | None = None) -> Floats:
+        """The return of each task, averaged over its episodes, ``(n_tasks,)``."""
+        means: Floats = self.returns(horizon).mean(axis=1)
+        return means
+
+    def iqm(self, horizon: int | None = None, *, n_resamples: int = 2_000, seed: int = 0) -> Interval:
+        """The interquartile mean over all episodes of all tasks, with its 95 % interval, by rliable.
+
+        The interval says how sure these episodes make us about this model on these tasks, not how other training
+        seeds would fare. Needs the ``plots`` extra.
+        """
+        return interquartile_mean(self.returns(horizon).T, n_resamples=n_resamples, seed=seed)
+
+    def mean_rewards(self) -> Floats:
+        """The reward at each step, ``(n_tasks, horizon)``: the mean of the episodes still running, or NaN."""
+        running = (~np.isnan(self.rewards)).sum(axis=1)
+        sums = np.nansum(self.rewards, axis=1, dtype=np.float64)
+        means: Floats = np.divide(sums, running, out=np.full_like(sums, np.nan), where=running > 0)
+        return means
+
+    def steps_to_steady(self, fraction: float = 0.9, *, window: int = 5) -> NDArray[np.int64]:
+        """How many steps each task takes to reach its steady reward, ``(n_tasks,)``; 0 is from the start.
+
+        Let ``r`` be the mean rewards per step and ``R`` the steady reward, their mean over the last half of
+        the steps. The answer is the first ``t`` at which ``mean(r[t : t + window])`` has covered ``fraction``
+        of the way from ``r[0]`` to ``R``. So the signs of the rewards do not matter, nor does the way's
+        direction. Looking ahead smooths out a gait's oscillation, at the price of an answer up to half a
+        window early. The time to accelerate counts too: compare with an oracle's.
+
+        Example:
+            Rewards -4, -4, -1, -1, -1, -1 and ``window=1``: R = -1, and step 2 is the first at or above -1.3.
+
+        Raises:
+            ValueError: if ``fraction`` is not between 0 and 1, or ``window`` not positive.
+        """
+        if not 0.0 < fraction < 1.0:
+            raise ValueError(f"fraction={fraction} is not between 0 and 1: give the part of the way, such as 0.9.")
+        if window < 1:
+            raise ValueError(f"window={window} is not positive: give a number of steps, 1 for no smoothing.")
+        return np.array([_steps_to_steady(curve, fraction, window) for curve in self.mean_rewards()])
+
+    def summary(self, horizon: int | None = None) -> str:
+        """A table of the returns over the first ``horizon`` steps: a row per task, then all together."""
+        returns, steps = self.returns(horizon), self.steps_to_steady()
+        rows = [*zip(map(task_label, self.tasks), returns, steps, strict=True), ("all", returns, steps)]
+        width = max(4, *(len(label) for label, _, _ in rows))
+        n_tasks, n_episodes = returns.shape
+        lines = [
+            f"Returns over {horizon or self.horizon} steps: {n_tasks} tasks, {n_episodes} episodes each",
+            f"{'task':<{width}} {'mean':>10} {'lowest':>10} {'highest':>10} {'steps to 90 %':>14}",
+        ]
+        for label, row, step in rows:
+            numbers = f"{row.mean():>10.2f} {row.min():>10.2f} {row.max():>10.2f} {np.mean(step):>14.1f}"
+            lines.append(f"{label:<{width}} {numbers}")
+        value, low, high = self.iqm(horizon)
+        lines.append(f"interquartile mean {value:.2f}, 95 % interval {low:.2f} to {high:.2f} over episodes")
+        return "\n".join(lines)
+
+    def save(self, path: str | Path) -> None:
+        """Write the result as JSON, exactly: ``load`` gives the same numbers. NaN is written as null."""
+        document = asdict(self) | {"tasks": self.tasks.tolist(), "rewards": _nan_as_none(self.rewards)}
+        Path(path).write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: str | Path) -> AdaptationResult:
+        """Read what ``save`` wrote.
+
+        Raises:
+            ValueError: if the file is not such a result.
+        """
+        try:
+            return cls(**json.loads(Path(path).read_text(encoding="utf-8")))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"path={str(path)!r} holds no AdaptationResult: give a file that save() wrote.") from error
+
+
+def _check_shapes(tasks: Floats, rewards: NDArray[np.float32]) -> None:
+    """Raise unless both arrays have the dimensions, and the tasks in common, that AdaptationResult asks."""
+    if tasks.ndim != 2 or rewards.ndim != 3 or len(tasks) != len(rewards) or rewards.size == 0:
+        raise ValueError(
+            f"tasks have shape {tasks.shape} and rewards {rewards.shape}: "
+            "give (n_tasks, task_dim) and (n_tasks, n_episodes, horizon), none of them empty."
+        )
+
+
+def _as_json(config: Mapping[str, Any]) -> dict[str, Any]:
+    """``config`` as JSON keeps it, or a ValueError."""
+    try:
+        kept: dict[str, Any] = json.loads(json.dumps(dict(config), allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"config={config!r} is not JSON ({error}): keep strings, finite numbers and lists.") from error
+    return kept
+
+
+def _nan_as_none(values: NDArray[np.float32]) -> list[Any]:
+    """Nested lists of the shortest decimals that read back exactly, and None for NaN, which JSON lacks."""
+    shortest = values.astype(str).astype(np.float64)  # 0.1, not float32's 0.10000000149011612
+    flat = [None if math.isnan(value) else value for value in shortest.ravel().tolist()]
+    nested: list[Any] = np.array(flat, dtype=object).reshape(values.shape).tolist()
+    return nested
+
+
+def _steps_to_steady(curve: Floats, fraction: float, window: int) -> int:
+    """``AdaptationResult.steps_to_steady`` for one task's mean rewards, ``(horizon,)``."""
+    curve = curve[~np.isnan(curve)]
+    way = curve[len(curve) // 2 :].mean() - curve[0]
+    if way == 0.0:
+        return 0
+    ahead = np.array([curve[t : t + window].mean() for t in range(len(curve))])  # shorter windows at the end
+    return int(np.argmax((ahead - curve[0]) / way >= fraction))

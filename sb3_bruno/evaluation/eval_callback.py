@@ -1,0 +1,142 @@
+"""SB3's EvalCallback, with the return of each hidden task: logged, and kept for learning curves.
+
+Knows environments that name their hidden task in ``info["task"]``; knows no algorithm.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import EvalCallback
+from stable_baselines3.common.vec_env import VecEnv
+
+from sb3_bruno.evaluation.adaptation_result import task_label
+
+_TASKS_FILE = "evaluation_tasks.npz"  # beside SB3's evaluations.npz
+_MAX_LOGGED_TASKS = 50
+_MAX_CONSOLE_KEY = 30  # SB3's console table cuts longer keys, and refuses two that look the same then
+
+
+class LearningCurve(NamedTuple):
+    """The evaluations of one training run.
+
+    Attributes:
+        timesteps: environment steps of training before each evaluation, ``(n_evals,)``.
+        tasks: the hidden task of each episode, ``(n_evals, n_episodes, task_dim)``.
+        returns: the return of each episode, ``(n_evals, n_episodes)``.
+    """
+
+    timesteps: NDArray[np.int64]
+    tasks: NDArray[np.float32]
+    returns: NDArray[np.float64]
+
+
+class TaskEvalCallback(EvalCallback):
+    """Evaluates as EvalCallback does, and tells the tasks apart.
+
+    Takes EvalCallback's arguments, by name. Logs the mean return of each task as ``eval/return_task_<label>``
+    (of the first 50 it meets, for tasks may be endless) and, given ``log_path``, writes the task of each
+    episode to ``evaluation_tasks.npz`` beside ``evaluations.npz``: ``load_learning_curve`` reads both.
+
+    Let each evaluation environment cycle through its tasks (``draw="cycle"``), for as many episodes as tasks
+    or a multiple: then every task counts the same, every time. Where the model has a seed, each evaluation seeds the
+    environments by it and by its own time, so that a resumed run is evaluated as one that was never interrupted.
+
+    Raises:
+        ValueError: if an episode of the evaluation environment ends without ``info["task"]``.
+    """
+
+    def __init__(self, eval_env: gym.Env[Any, Any] | VecEnv, **kwargs: Any) -> None:
+        super().__init__(eval_env, **kwargs)
+        self.evaluations_tasks: list[NDArray[np.float32]] = []  # (n_episodes, task_dim) each
+        self._episode_tasks: list[NDArray[np.float32]] = []  # of the evaluation that runs
+        self._logged_tasks: set[str] = set()
+
+    def restore(self, model: BaseAlgorithm) -> None:
+        """Go on with the learning curve in ``log_path``: a resumed run is evaluated when it would have been.
+
+        Raises:
+            ValueError: if there is no ``log_path``, or a file of it is damaged.
+        """
+        if self.log_path is None:
+            raise ValueError("`log_path` is None, so there is no learning curve to go on with: give the first run's.")
+        self.n_calls = model.num_timesteps // model.n_envs
+        folder = Path(self.log_path).parent
+        if not all((folder / name).is_file() for name in ("evaluations.npz", _TASKS_FILE)):
+            return  # nothing had been evaluated yet
+        curve = load_learning_curve(folder)
+        known = int((curve.timesteps <= model.num_timesteps).sum())
+        with np.load(folder / "evaluations.npz") as stored:
+            lengths, successes = stored["ep_lengths"], stored.get("successes", ())
+        self.evaluations_timesteps = curve.timesteps[:known].tolist()
+        self.evaluations_results = [row.tolist() for row in curve.returns[:known]]
+        self.evaluations_length = [row.tolist() for row in lengths[:known]]
+        self.evaluations_successes = [row.tolist() for row in successes[:known]]
+        self.evaluations_tasks = list(curve.tasks[:known])
+        self.best_mean_reward = max((np.mean(row) for row in curve.returns[:known]), default=-np.inf)
+
+    def _on_step(self) -> bool:
+        self._episode_tasks = []
+        if self.model.seed is not None and self.eval_freq > 0 and self.n_calls % self.eval_freq == 0:
+            self.eval_env.seed(self.model.seed + self.n_calls)
+        continue_training = super()._on_step()
+        if self._episode_tasks and self.log_path is not None:
+            self.evaluations_tasks.append(np.stack(self._episode_tasks))
+            np.savez(Path(self.log_path).with_name(_TASKS_FILE), tasks=np.stack(self.evaluations_tasks))
+        return continue_training
+
+    def _log_success_callback(self, locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
+        """EvalCallback's hook, called by ``evaluate_policy`` after every step of every environment."""
+        super()._log_success_callback(locals_, globals_)
+        info = locals_["info"]
+        if not locals_["done"] or (locals_["is_monitor_wrapped"] and "episode" not in info):
+            return  # as evaluate_policy does, trust a Monitor more than done
+        if "task" not in info:
+            raise ValueError("info['task'] is missing at an episode's end: wrap the eval environment in MetaTask.")
+        self._episode_tasks.append(np.array(info["task"], dtype=np.float32))
+        episode_return = info["episode"]["r"] if locals_["is_monitor_wrapped"] else _running_return(locals_)
+        self._log_return(task_label(info["task"]), float(episode_return))
+
+    def _log_return(self, label: str, episode_return: float) -> None:
+        """Average the return into the task's log entry, which ``_on_step`` dumps with the others."""
+        if len(self._logged_tasks) < _MAX_LOGGED_TASKS:
+            self._logged_tasks.add(label)
+        if label in self._logged_tasks:
+            key = f"return_task_{label}"
+            exclude = ("stdout", "log") if len(key) > _MAX_CONSOLE_KEY else None
+            self.logger.record_mean(f"eval/{key}", episode_return, exclude=exclude)
+
+
+def load_learning_curve(path: str | Path) -> LearningCurve:
+    """Read what TaskEvalCallback wrote.
+
+    Args:
+        path: the callback's ``log_path``.
+
+    Raises:
+        ValueError: if the folder does not hold both files, or one is damaged.
+    """
+    try:
+        with (
+            np.load(Path(path, "evaluations.npz")) as evaluations,
+            np.load(Path(path, _TASKS_FILE)) as stored,
+        ):
+            timesteps, returns, tasks = evaluations["timesteps"], evaluations["results"], stored["tasks"]
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise ValueError(
+            f"path={str(path)!r} holds no evaluations with tasks: give a log_path of TaskEvalCallback. If a kill cut "
+            "a file there short, delete it: a resumed run then starts its learning curve anew."
+        ) from error
+    n = min(len(timesteps), len(tasks))  # the files are written one after the other
+    return LearningCurve(timesteps[:n].astype(np.int64), tasks[:n], returns[:n].astype(np.float64))
+
+
+def _running_return(locals_: dict[str, Any]) -> float:
+    """The return so far of the environment at hand, from the local variables of ``evaluate_policy``."""
+    return float(locals_["current_rewards"][locals_["i"]])

@@ -1,0 +1,1 @@
+"""Processes and flows: torch and zuko alone, no reinforcement learning."""

@@ -1,0 +1,174 @@
+"""An exchangeable Student-t process: the Gaussian one with an unknown scale, which the data reveal.
+
+    s ~ InvGamma(nu / 2, (nu - 2) / 2), and given s all variances of the Gaussian process times s
+
+so the variance of a belief depends on the data and not on their number alone.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import torch as th
+from torch import Tensor, nn
+from torch.distributions import Chi2, Distribution, Gamma, StudentT
+
+from sb3_bruno.maths.exchangeable import (
+    Distance,
+    ExchangeableGaussian,
+    Statistics,
+    squared_mahalanobis,
+    theta_moments,
+)
+
+
+class StudentTWithVariance(StudentT):
+    """A Student-t of more than two degrees of freedom, which keeps no GPU waiting.
+
+    Torch's looks for those of fewer when asked for moments, and sends a constant for draws when it is made.
+    """
+
+    def __init__(self, df: Tensor, loc: Tensor, scale: Tensor) -> None:
+        self.df, self.loc, self.scale = th.broadcast_tensors(df, loc, scale)
+        Distribution.__init__(self, self.df.shape, validate_args=False)
+
+    @cached_property
+    def _chi2(self) -> Chi2:  # type: ignore[override]  # torch has an attribute
+        return Chi2(self.df)
+
+    def expand(self, batch_shape: Any, _instance: Any = None) -> StudentTWithVariance:
+        return StudentTWithVariance(*(one.expand(batch_shape) for one in (self.df, self.loc, self.scale)))
+
+    @property
+    def mean(self) -> Tensor:
+        return self.loc
+
+    @property
+    def variance(self) -> Tensor:
+        return self.scale.pow(2) * self.df / (self.df - 2)
+
+
+class _Moments(NamedTuple):
+    """What z_1..z_n say of theta, of the next latent and of the scale s.
+
+    :ivar mean: mu_n, shape (..., dim)
+    :ivar theta_var: var_n where s = 1, the shape of n and the dimensions
+    :ivar predictive_var: v - rho + var_n, of the next latent where s = 1
+    :ivar df: nu_n, the shape of n and the scales
+    :ivar q: q_n, shape (..., n_scales)
+    """
+
+    mean: Tensor
+    theta_var: Tensor
+    predictive_var: Tensor
+    df: Tensor
+    q: Tensor
+
+
+class ExchangeableStudentT(ExchangeableGaussian):
+    r"""Creates exchangeable Student-t processes with one scale per latent dimension, or one for all.
+
+    The prior of s has mean 1, so :math:`v` and :math:`\rho` are variances and covariances as in the Gaussian process,
+    which is the limit :math:`\nu \to \infty`. They and :math:`\nu > 2` are learned.
+
+    Reference: Shah, Wilson and Ghahramani, Student-t Processes as Alternatives to Gaussian Processes (2014); named
+    as a remedy in Korshunova et al. (2020), section 2.1.
+
+    :param dim: number of latent dimensions
+    :param var: initial variance v of each latent
+    :param correlation: initial correlation rho / v between two latents of one set
+    :param df: initial degrees of freedom nu
+    :param shared_scale: whether all dimensions have the scale s in common
+    :raises ValueError: if ``df`` is not greater than 2, or as ``ExchangeableGaussian``
+    """
+
+    def __init__(
+        self,
+        dim: int,
+        *,
+        var: float = 1.0,
+        correlation: float = 0.1,
+        df: float = 10.0,
+        shared_scale: bool = False,
+    ) -> None:
+        super().__init__(dim, var=var, correlation=correlation)
+        if not df > 2:
+            raise ValueError(f"`df` must be greater than 2, got {df}: below, there is no variance.")
+        self.shared_scale = shared_scale
+        n_scales = 1 if shared_scale else dim
+        self.log_excess_df = nn.Parameter(th.full((n_scales,), math.log(df - 2)))
+
+    @property
+    def df(self) -> Tensor:
+        """nu, the degrees of freedom, shape (dim,), or (1,) with a shared scale."""
+        return 2 + self.log_excess_df.exp()
+
+    @property
+    def _dims_per_scale(self) -> int:
+        return self.dim if self.shared_scale else 1
+
+    def _sum(self, per_dim: Tensor) -> Tensor:
+        """Over the dimensions that share a scale: (..., dim) -> (..., n_scales)"""
+        return per_dim.sum(dim=-1, keepdim=True) if self.shared_scale else per_dim
+
+    def _moments(self, statistics: Statistics) -> _Moments:
+        """Those of z_1..z_n: s | z ~ InvGamma(nu_n / 2, q_n / 2), nu_n = nu + n D, q_n = nu - 2 + beta_n.
+
+        D dimensions share a scale, and beta_n is summed over them.
+        """
+        cov, noise_var, df = self.cov, self.noise_var, self.df
+        mean, var = theta_moments(statistics, cov, noise_var)
+        beta = self._sum(squared_mahalanobis(statistics, mean, cov, noise_var))
+        return _Moments(mean, var, noise_var + var, df + self._dims_per_scale * statistics.n, df - 2 + beta)
+
+    def posterior_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
+        """mu_n and r_n var_n, r_n = E[s | z] = q_n / (nu_n - 2). Shape (..., dim) each."""
+        mean, var, _, df, q = self._moments(statistics)
+        return mean, q / (df - 2) * var
+
+    def posterior(self, statistics: Statistics) -> Distribution:
+        """p(theta | z_1..z_n) of each dimension: mean mu_n, variance r_n var_n. Batch (..., dim)."""
+        mean, var, _, df, q = self._moments(statistics)
+        return StudentTWithVariance(df, mean, (q / df * var).sqrt())
+
+    def predictive(self, statistics: Statistics) -> Distribution:
+        """p(z_{n+1} | z_1..z_n) of each dimension: mean mu_n, variance r_n (v - rho + var_n). Batch (..., dim)."""
+        mean, _, var, df, q = self._moments(statistics)
+        return StudentTWithVariance(df, mean, (q / df * var).sqrt())
+
+    def log_predictive(self, statistics: Statistics, z: Tensor) -> Tensor:
+        mean, _, var, df, q = self._moments(statistics)
+        distance = self._sum((z - mean).square() / var)
+        return self._log_density(df, q, self._dims_per_scale, distance, self._sum(var.log())).sum(dim=-1)
+
+    def sample(self, statistics: Statistics, n_samples: int) -> Tensor:
+        mean, _, var, df, q = self._moments(statistics)
+        precision = Gamma(df / 2, q / 2, validate_args=False).sample(th.Size([n_samples]))  # 1 / s
+        return mean + (var / precision).sqrt() * th.randn_like(mean.expand(n_samples, *mean.shape))
+
+    def distance(self, statistics: Statistics) -> Distance:
+        """beta_n of each scale, with what it should be distributed as."""
+        beta = self._sum(self.squared_mahalanobis(statistics))
+        return Distance(beta, self._dims_per_scale * statistics.n, self.df)
+
+    def log_evidence(self, statistics: Statistics) -> Tensor:
+        """log p(z_1..z_n), jointly over the set and all dimensions: one t of n D dimensions per scale. Shape (...)."""
+        n_values = self._dims_per_scale * statistics.n
+        distance = self._sum(self.squared_mahalanobis(statistics))
+        log_volume = self._sum(self.log_volume(statistics))
+        return self._log_density(self.df, self.df - 2, n_values, distance, log_volume).sum(dim=-1)
+
+    @staticmethod
+    def _log_density(df: Tensor, q: Tensor, n_values: Tensor | int, distance: Tensor, log_volume: Tensor) -> Tensor:
+        """log of the multivariate t density of k values: s ~ InvGamma(df / 2, q / 2), distance = x^T K^-1 x.
+
+        lgamma((df + k) / 2) - lgamma(df / 2) - k/2 ln(pi q) - 1/2 ln |K| - (df + k)/2 log1p(distance / q)
+
+        The difference of the two lgamma is taken in float64: they grow to 10^4 and more, their difference does not.
+        """
+        half, more = (df / 2).double(), ((df + n_values) / 2).double()
+        log_gammas = (more.lgamma() - half.lgamma()).to(distance.dtype)
+        log_normal = 0.5 * (n_values * (math.pi * q).log() + log_volume)
+        return log_gammas - log_normal - 0.5 * (df + n_values) * (distance / q).log1p()

@@ -1,0 +1,126 @@
+"""The look of all figures: colours, panels, bands, legends.
+
+Draws on figures of its own and leaves matplotlib's global state, backend and style, alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from pathlib import Path
+from textwrap import fill
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_bruno.evaluation.adaptation_result import task_label
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.floating[Any]]
+
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # Okabe and Ito: for all eyes
+INK = "#404040"
+WIDEST = 44  # characters of the legend that a panel has room for above it
+
+
+class Band(NamedTuple):
+    """A line and the range around it: ``x``, and the mean, lowest and highest value there, ``(n,)`` each."""
+
+    x: NDArray[np.int64] | Floats
+    mean: Floats
+    low: Floats
+    high: Floats
+
+
+def plot_bands(
+    panels: Mapping[str, Mapping[str, Band]],
+    path: str | Path,
+    x: str,
+    y: str,
+    note: str,
+    levels: Mapping[str, float] | None = None,
+) -> None:
+    """Draw lines with the range around each, in panels side by side.
+
+    Args:
+        panels: by title, the bands by the name to show in the legend.
+        path: the image to write; its suffix chooses the format.
+        x: name of the horizontal axis.
+        y: name of the vertical axis.
+        note: what line and band are, written below.
+        levels: by title, the oracle's return, a dashed line.
+    """
+    names = dict.fromkeys(name for bands in panels.values() for name in bands)
+    colors = dict(zip(names, cycle(COLORS), strict=False))  # one name, one colour, in whichever panels it is
+    figure, axes = _panels(list(panels))
+    for (title, bands), panel in zip(panels.items(), axes, strict=True):
+        for name, band in bands.items():
+            _draw(panel, band, name, colors[name])
+        if levels:
+            panel.axhline(levels[title], color=INK, linestyle=(0, (5, 3)), label="oracle")
+    _label(figure, axes, x, y, note)
+    _add_legend(figure, axes)
+    figure.savefig(path, dpi=150)
+
+
+def task_title(task: Floats) -> str:
+    """``task 0.5``, or ``task (1, 0)``."""
+    values = task_label(task).replace("_", ", ")
+    return f"task {values}" if len(task) == 1 else f"task ({values})"
+
+
+def _panels(titles: Sequence[str]) -> tuple[Figure, list[Axes]]:
+    """A figure with a panel for each title, side by side, on one scale."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(1.6 + 4.4 * len(titles), 4.2), layout="constrained")
+    panels: list[Axes] = list(figure.subplots(1, len(titles), sharey=True, squeeze=False)[0])
+    for panel, title in zip(panels, titles, strict=True):
+        style_panel(panel, title)
+    return figure, panels
+
+
+def style_panel(panel: Axes, title: str) -> None:
+    """Give a panel its title and the look of all figures here."""
+    panel.set_title(title, loc="left", fontsize=12, color=INK)
+    panel.spines[["top", "right"]].set_visible(False)
+    panel.spines[["left", "bottom"]].set_color(INK)
+    panel.tick_params(labelsize=11, colors=INK)
+    panel.grid(color="#E6E6E6", linewidth=0.8)
+    panel.set_axisbelow(True)
+
+
+def _draw(panel: Axes, band: Band, name: str, color: str) -> None:
+    """Draw the line and its range; a lone point, which makes no line, as a dot."""
+    panel.fill_between(band.x, band.low, band.high, color=color, alpha=0.18, linewidth=0)
+    marker = "o" if len(band.x) == 1 else ""
+    panel.plot(band.x, band.mean, color=color, linewidth=1.8, marker=marker, label=name)
+
+
+def _label(figure: Figure, panels: Sequence[Axes], x: str, y: str, note: str) -> None:
+    """Name the axes, and say below what line and band are."""
+    from matplotlib.ticker import EngFormatter
+
+    for panel in panels:
+        panel.set_xlabel(x, fontsize=12, color=INK)
+        panel.xaxis.set_major_formatter(EngFormatter(sep=""))  # 200k, 1.5M
+        panel.margins(x=0.01)
+    panels[0].set_ylabel(y, fontsize=12, color=INK)
+    figure.supxlabel(note, fontsize=9.5, color="#7A7A7A")
+
+
+def _add_legend(figure: Figure, panels: Sequence[Axes]) -> None:
+    """Put one legend of all panels above them, where it hides no line, and let the figure grow by it."""
+    lines = {name: line for panel in panels for line, name in zip(*panel.get_legend_handles_labels(), strict=True)}
+    room = WIDEST * len(panels)
+    names = [fill(name, room, break_on_hyphens=False) for name in lines]
+    n_columns = max(room // (max(map(len, lines)) + 8), 1)  # a sample of a line is as wide as some eight characters
+    n_rows = max(sum(name.count("\n") + 1 for name in names[first::n_columns]) for first in range(n_columns))
+    figure.set_figheight(figure.get_figheight() + 0.23 * n_rows)  # inches
+    handles = list(lines.values())
+    look = {"fontsize": 11, "frameon": False, "labelcolor": INK}
+    figure.legend(handles, names, loc="outside upper left", ncols=n_columns, **look)

