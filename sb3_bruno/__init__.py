@@ -1,11 +1,11 @@
 """Meta reinforcement learning for Stable-Baselines3: agents that work out which task they are in."""
 
-from sb3_bruno.algorithms.crossq import BrunoCrossQ
-from sb3_bruno.algorithms.sac import BrunoSAC
-from sb3_bruno.algorithms.td3 import BrunoTD3
-from sb3_bruno.algorithms.tqc import BrunoTQC
-from sb3_bruno.buffers.task_buffer import TaskReplayBuffer
-from sb3_bruno.encoders import BrunoEncoder, TaskEncoder, Transitions
+from sb3_bruno.algorithms.crossq import BrunoCrossQ, RecurrentCrossQ, TaskCrossQ
+from sb3_bruno.algorithms.sac import BrunoSAC, RecurrentSAC, TaskSAC
+from sb3_bruno.algorithms.td3 import BrunoTD3, RecurrentTD3, TaskTD3
+from sb3_bruno.algorithms.tqc import BrunoTQC, RecurrentTQC, TaskTQC
+from sb3_bruno.buffers import TaskReplayBuffer
+from sb3_bruno.encoders import BrunoEncoder, RecurrentEncoder, TaskEncoder, Transitions
 
 __version__ = "0.1.0"
 
@@ -15,7 +15,16 @@ __all__ = [
     "BrunoSAC",
     "BrunoTD3",
     "BrunoTQC",
+    "RecurrentCrossQ",
+    "RecurrentEncoder",
+    "RecurrentSAC",
+    "RecurrentTD3",
+    "RecurrentTQC",
+    "TaskCrossQ",
     "TaskEncoder",
     "TaskReplayBuffer",
+    "TaskSAC",
+    "TaskTD3",
+    "TaskTQC",
     "Transitions",
 ]

@@ -28,7 +28,7 @@ ROOMS = {  # each room, from the ground up, and the rooms that it may import
 }
 KNOWS = {  # beyond the standard library, numpy and the rooms below
     "maths": {"torch", "zuko"},
-    "encoders": {"torch", "zuko"},
+    "encoders": {"torch", "typing_extensions", "zuko"},
     "evaluation": {"gymnasium", "rliable", "stable_baselines3"},
     "runs": {"pandas", "torch"},
 }

@@ -7,24 +7,29 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch as th
-from gymnasium.spaces import Space, flatdim
+from gymnasium.spaces import Space
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.vec_env import VecNormalize
 from torch.distributions import Distribution
 
-from sb3_bruno.algorithms.policies import State, TaskInferencePolicy
-from sb3_bruno.encoders import Outcomes, Statistics, Transitions
+from sb3_bruno.algorithms.carried import Carried, State
+from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.buffers.observed import TransitionArrays, normalize, unnormalize
+from sb3_bruno.encoders import HasPosterior, Outcomes, Predicts, Transitions
+from sb3_bruno.encoders.abilities import check_ability
+from sb3_bruno.encoders.base import AnyMemory, map_memory
 
 
 class TaskBelief(NamedTuple):
     """A belief over the hidden task.
 
-    :ivar posterior: p(theta | transitions), batch shape (..., latent_dim)
-    :ivar statistics: what the encoder keeps of the transitions
+    Attributes:
+        posterior: p(theta | transitions), batch shape (..., latent_dim).
+        memory: what the encoder keeps of the transitions.
     """
 
     posterior: Distribution
-    statistics: Statistics
+    memory: AnyMemory
 
     @property
     def mean(self) -> NDArray[np.float32]:
@@ -38,10 +43,11 @@ class TaskBelief(NamedTuple):
 
 
 class AgentView:
-    """Between the env's own units and what the agent observes: scaled actions, normalised observations.
+    """Translates between the env's own units and what the agent observes: scaled actions, normalised observations.
 
-    :param policy: the policy, which knows the action's bounds and the encoder
-    :param vec_normalize: the VecNormalize of the training env, if there is one
+    Args:
+        policy: the policy, which knows the action's bounds and the encoder.
+        vec_normalize: the VecNormalize of the training env, if there is one.
     """
 
     def __init__(self, policy: TaskInferencePolicy, vec_normalize: VecNormalize | None) -> None:
@@ -50,22 +56,18 @@ class AgentView:
         self.vec_normalize = vec_normalize
 
     def infer(self, transitions: Transitions) -> TaskBelief:
-        """The belief of a set of transitions, whatever their order.
-
-        :param transitions: arrays or tensors of shape (..., time, dim); no transitions (time 0) give the prior
-        """
+        """Compute the belief of a sequence of transitions, of shape (..., time, dim). Time 0 gives the prior."""
         observed = self.observe(*transitions)
         with th.no_grad():
-            statistics = self.encoder.empty(observed.rewards.shape[:-2])
+            memory = self.encoder.empty(observed.rewards.shape[:-2])
             if observed.rewards.shape[-2] > 0:  # torch cannot run a flow on nothing
-                statistics = tuple(one[..., -1, :] for one in self.encoder.prefixes(observed))
-            return TaskBelief(self.encoder.posterior(statistics), statistics)
+                memory = map_memory(lambda prefixes: prefixes[..., -1, :], self.encoder.prefixes(observed))
+            return self._belief(memory)
 
     def carried(self, state: State) -> TaskBelief:
-        """The belief in a state that ``predict`` returned, batch shape (n_envs,)."""
-        statistics = self.policy.statistics(tuple(th.as_tensor(one, device=self.policy.device) for one in state))
+        """Read the belief in a state that ``predict`` returned, batch shape (n_envs,)."""
         with th.no_grad():
-            return TaskBelief(self.encoder.posterior(statistics), statistics)
+            return self._belief(Carried.unpack(state, self.encoder, self.policy.device).memory)
 
     def outcomes(
         self,
@@ -75,53 +77,56 @@ class AgentView:
         next_observations: ArrayLike | None,
         n_samples: int,
     ) -> Outcomes:
-        """Samples of rewards and next observations after ``actions`` at ``observations``."""
+        """Draw samples of rewards and next observations after ``actions`` at ``observations``."""
+        predictor: Predicts = check_ability(self.encoder, Predicts, "`predict_outcomes`")
         arrivals = observations if next_observations is None else next_observations
-        here = self.observe(observations, actions, np.zeros((*belief.statistics[0].shape[:-1], 1)), arrivals)
+        here = self.observe(observations, actions, np.zeros((*belief.posterior.mean.shape[:-1], 1)), arrivals)
         there = None if next_observations is None else here.next_observations
         with th.no_grad():
-            samples = self.encoder.outcomes(belief.statistics, here.observations, here.actions, there, n_samples)
+            samples = predictor.outcomes(belief.memory, here.observations, here.actions, there, n_samples)
         return self._unnormalize(samples)
 
     def observe(
         self, observations: ArrayLike, actions: ArrayLike, rewards: ArrayLike, next_observations: ArrayLike
     ) -> Transitions:
-        """Transitions in the env's units as the agent observes them, (..., dim).
+        """Show transitions in the env's units as the agent observes them, (..., dim).
 
         Rewards (..., 1); the others flat, (..., dim), or in the shape of their space.
         """
         batch = np.shape(rewards)[:-1]
         observation_shape = (*batch, *_shape(self.policy.observation_space["observation"]))
         action = np.asarray(actions, dtype=np.float32).reshape(*batch, *_shape(self.policy.action_space))
-        arrival: Any = {
-            "observation": np.asarray(next_observations, dtype=np.float32).reshape(observation_shape),
-            "action": self.policy.scale_action(action).reshape(*batch, flatdim(self.policy.action_space)),
-            "reward": np.asarray(rewards, dtype=np.float32),
-            "episode_start": np.zeros_like(rewards, dtype=np.float32),
-        }
-        observation: Any = np.asarray(observations, dtype=np.float32).reshape(observation_shape)
-        if self.vec_normalize is not None:
-            observation = self.vec_normalize.normalize_obs({**arrival, "observation": observation})["observation"]
-            arrival = self.vec_normalize.normalize_obs(arrival)
-        parts = (observation, arrival["action"], arrival["reward"], arrival["observation"])
-        flat = (one.reshape(*batch, math.prod(one.shape[len(batch) :])) for one in parts)
-        return Transitions(*(th.as_tensor(one, dtype=th.float32, device=self.policy.device) for one in flat))
+        action = self.policy.scale_action(action)
+        given = TransitionArrays(
+            observations=np.asarray(observations, dtype=np.float32).reshape(observation_shape),
+            actions=action.reshape(*batch, math.prod(action.shape[len(batch) :])),
+            rewards=np.asarray(rewards, dtype=np.float32),
+            next_observations=np.asarray(next_observations, dtype=np.float32).reshape(observation_shape),
+        )
+        observed = normalize(given, self.vec_normalize)
+        flat = (array.reshape(*batch, math.prod(array.shape[len(batch) :])) for array in observed)
+        return Transitions(*(th.as_tensor(array, dtype=th.float32, device=self.policy.device) for array in flat))
+
+    def _belief(self, memory: AnyMemory) -> TaskBelief:
+        encoder: HasPosterior = check_ability(self.encoder, HasPosterior, "A belief to read")
+        return TaskBelief(encoder.posterior(memory), memory)
 
     def _unnormalize(self, samples: Outcomes) -> Outcomes:
         if self.vec_normalize is None:
             return samples
-        modelled = {"reward": samples.rewards, "observation": samples.next_observations}
-        shapes = {key: _shape(self.policy.observation_space[key]) for key in modelled}
-        arrays: Any = {
-            key: np.zeros(shapes[key]) if one is None else one.cpu().numpy().reshape(*one.shape[:-1], *shapes[key])
-            for key, one in modelled.items()
-        }
-        arrays = self.vec_normalize.unnormalize_obs({**arrays, "action": np.zeros(1), "episode_start": np.zeros(1)})
-        rewards, next_observations = (
-            None if one is None else th.as_tensor(arrays[key], dtype=th.float32).reshape(one.shape)
-            for key, one in modelled.items()
-        )
-        return Outcomes(rewards, next_observations)
+        shape = _shape(self.policy.observation_space["observation"])
+        rewards = np.zeros(1) if samples.rewards is None else samples.rewards.cpu().numpy()
+        arrivals = np.zeros(shape)
+        if samples.next_observations is not None:
+            arrivals = samples.next_observations.cpu().numpy()
+            arrivals = arrivals.reshape(*arrivals.shape[:-1], *shape)
+        own_rewards, own_arrivals = unnormalize(rewards, arrivals, self.vec_normalize)
+        return Outcomes(_like(samples.rewards, own_rewards), _like(samples.next_observations, own_arrivals))
+
+
+def _like(samples: th.Tensor | None, own: NDArray[Any]) -> th.Tensor | None:
+    """The samples in the env's own units, in their own shape; None where there are none."""
+    return None if samples is None else th.as_tensor(own, dtype=th.float32).reshape(samples.shape)
 
 
 def _shape(space: Space[Any]) -> tuple[int, ...]:
@@ -130,7 +135,7 @@ def _shape(space: Space[Any]) -> tuple[int, ...]:
 
 
 class BeliefQueries:
-    """Mixin for algorithms: what their agent believes and what it expects, in the env's own units.
+    """Tells what an algorithm's agent believes and what it expects, in the env's own units. A mixin for algorithms.
 
     An agent that was trained with VecNormalize knows these only together with it, which SB3 saves apart: load the
     agent with ``env=VecNormalize.load(...)``.
@@ -140,15 +145,23 @@ class BeliefQueries:
     _vec_normalize_env: VecNormalize | None
 
     def infer(self, transitions: Transitions) -> TaskBelief:
-        """The belief of any set of transitions, whatever their order.
+        """Compute the belief of any sequence of transitions. For most encoders their order does not matter.
 
-        :param transitions: arrays or tensors (..., time, dim) in the env's own units, dim flat or the shape of the
-            space; time 0 gives the prior
+        Args:
+            transitions: arrays or tensors (..., time, dim) in the env's own units, dim flat or the shape of the space.
+                Time 0 gives the prior.
+
+        Raises:
+            ValueError: if the encoder has no posterior.
         """
         return self._view.infer(transitions)
 
     def belief(self, state: State) -> TaskBelief:
-        """The belief that an agent carries in the ``state`` that ``predict`` returned, batch shape (n_envs,)."""
+        """Read the belief that an agent carries in the ``state`` that ``predict`` returned, batch shape (n_envs,).
+
+        Raises:
+            ValueError: if the encoder has no posterior.
+        """
         return self._view.carried(state)
 
     def predict_outcomes(
@@ -159,13 +172,17 @@ class BeliefQueries:
         next_observations: ArrayLike | None = None,
         n_samples: int = 1_000,
     ) -> Outcomes:
-        """Samples of rewards and next observations in the env's own units, given a belief.
+        """Draw samples of rewards and next observations in the env's own units, given a belief.
 
-        :param belief: from ``infer`` or ``belief``
-        :param observations: shape (..., observation_dim), the batch shape of ``belief``
-        :param actions: shape (..., action_dim), in the env's units
-        :param next_observations: where the actions led, for an encoder with ``condition_on_next``
-        :param n_samples: Monte Carlo samples, from which ``mean()`` and ``quantile(q)`` are taken
+        Args:
+            belief: from ``infer`` or ``belief``.
+            observations: shape (..., observation_dim), the batch shape of ``belief``.
+            actions: shape (..., action_dim), in the env's units.
+            next_observations: where the actions led, for an encoder with ``condition_on_next``.
+            n_samples: Monte Carlo samples, from which ``mean()`` and ``quantile(q)`` are taken.
+
+        Raises:
+            ValueError: if the encoder does not predict.
         """
         return self._view.outcomes(belief, observations, actions, next_observations, n_samples)
 

@@ -1,4 +1,4 @@
-"""What cannot work is refused here, before any work is lost, each time with what to do instead."""
+"""Refuses what cannot work, before any work is lost, each time with what to do instead."""
 
 from __future__ import annotations
 
@@ -10,50 +10,21 @@ import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.algorithms.arguments import check_names
 from sb3_bruno.buffers.task_buffer import TaskReplayBuffer
-from sb3_bruno.encoders import TaskEncoder
+from sb3_bruno.encoders import TaskEncoder, find_encoder
 
 WRAP = "wrap the env in `sb3_bruno_envs.MetaTask` and then in `sb3_bruno_envs.TransitionObservation`"
 
 
-def resolve_policy(
-    policy: str | type[BasePolicy], aliases: Mapping[str, type[BasePolicy]]
-) -> type[TaskInferencePolicy]:
-    """The policy class that a name stands for.
+def check_algorithm(model: OffPolicyAlgorithm) -> None:
+    """Refuse settings of SB3 that cannot be honoured, and what ``load`` was told in vain.
 
-    :raises ValueError: if the name is unknown, or the class is no ``TaskInferencePolicy``
-    """
-    resolved = aliases.get(policy) if isinstance(policy, str) else policy
-    if resolved is None:
-        raise ValueError(
-            f"`policy={policy!r}` is unknown: use one of {list(aliases)}. Images are not supported: extract features "
-            "in an observation wrapper."
-        )
-    if not (isinstance(resolved, type) and issubclass(resolved, TaskInferencePolicy)):
-        raise ValueError(f"`policy={resolved}` is no `TaskInferencePolicy`: subclass {next(iter(aliases.values()))}.")
-    return resolved
-
-
-def join_policy_kwargs(given: dict[str, Any] | None, inference: dict[str, Any]) -> dict[str, Any]:
-    """The user's ``policy_kwargs`` with those of task inference.
-
-    :raises ValueError: if a key is in both
-    """
-    twice = sorted(set(given or {}) & set(inference))
-    if twice:
-        raise ValueError(f"{twice} must not be in `policy_kwargs`: pass `{twice[0]}=...` to the algorithm itself.")
-    return {**(given or {}), **inference}
-
-
-def check_algorithm(model: OffPolicyAlgorithm, encoder_batch_size: int, encoder_update_ratio: float) -> None:
-    """Refuse settings of SB3, and of the encoder's updates, that cannot be honoured.
-
-    :raises ValueError: naming the argument, its value and the remedy
+    Raises:
+        ValueError: naming the argument, its value and the remedy.
     """
     if model.n_steps > 1:
         raise ValueError(
@@ -66,19 +37,53 @@ def check_algorithm(model: OffPolicyAlgorithm, encoder_batch_size: int, encoder_
             f"`replay_buffer_class={buffer_class.__name__}` is not supported: transitions must be grouped by task. "
             "Leave it out, or subclass `TaskReplayBuffer`. A goal that is relabelled (HER) is no hidden task."
         )
-    if encoder_batch_size < 1:
-        raise ValueError(f"`encoder_batch_size` must be at least 1, got {encoder_batch_size}.")
-    if not encoder_update_ratio >= 0:
-        raise ValueError(f"`encoder_update_ratio` must not be negative, got {encoder_update_ratio}.")
+    filled = {"buffer_size", "observation_space", "action_space", "device", "n_envs", "optimize_memory_usage"}
+    check_names("replay_buffer_kwargs", model.replay_buffer_kwargs, buffer_class, filled)
     _check_loaded(model)
     _check_spaces(model.observation_space, model.action_space)
+
+
+def check_encoder_arguments(encoder_class: type[TaskEncoder], encoder_kwargs: Mapping[str, Any] | None) -> None:
+    """Refuse names that the encoder does not take.
+
+    Raises:
+        ValueError: naming the nearest right name.
+    """
+    builder = next(vars(kind)["build"] for kind in encoder_class.__mro__ if "build" in vars(kind))
+    takes = encoder_class if builder is vars(TaskEncoder)["build"] else encoder_class.build
+    check_names("encoder_kwargs", encoder_kwargs, takes, {"observation_dim", "action_dim", "task_dim"})
+
+
+def check_encoder_updates(encoder: TaskEncoder, updates: Mapping[str, float | None]) -> None:
+    """Refuse settings of the encoder's updates that are out of range, or not its own.
+
+    Args:
+        encoder: the encoder.
+        updates: ``encoder_batch_size``, ``encoder_update_ratio`` and ``encoder_learning_starts``, as they were given.
+
+    Raises:
+        ValueError: naming the argument, its value and the remedy.
+    """
+    for name, value in updates.items():
+        if value is None:
+            continue
+        if encoder.learns_from != "own":
+            raise ValueError(
+                f"`{name}={value}` is for encoders that learn from a loss of their own: leave it out, for "
+                f"{type(encoder).__name__} learns from the {encoder.learns_from}'s, whenever that is computed."
+            )
+        if name == "encoder_batch_size" and not value >= 1:
+            raise ValueError(f"`{name}` must be at least 1, got {value}.")
+        if not value >= 0:
+            raise ValueError(f"`{name}` must not be negative, got {value}.")
 
 
 def check_buffer(buffer: ReplayBuffer | None, n_envs: int, encoder: TaskEncoder) -> None:
     """Refuse a replay buffer that the algorithm or its encoder cannot work with.
 
-    :raises ValueError: if it is no ``TaskReplayBuffer``, holds transitions of another number of envs, or has sequences
-        that are too short for the encoder's bound
+    Raises:
+        ValueError: if it is no ``TaskReplayBuffer``, holds transitions of another number of envs, has sequences that
+            are too short for the encoder's loss, or shuffles them where the encoder reads them in their order.
     """
     if not isinstance(buffer, TaskReplayBuffer):
         raise ValueError(f"The replay buffer is a {type(buffer).__name__}, no `TaskReplayBuffer`.")
@@ -89,16 +94,23 @@ def check_buffer(buffer: ReplayBuffer | None, n_envs: int, encoder: TaskEncoder)
             f"`sequence_length={buffer.sequence_length}` is too short for the encoder's objective: "
             f"`replay_buffer_kwargs=dict(sequence_length={encoder.shortest_sequence})` or more."
         )
+    if encoder.order == "time" and buffer.context != "episode":
+        raise ValueError(
+            f"`context={buffer.context!r}` shuffles transitions, which {type(encoder).__name__} must read in their "
+            "order: `replay_buffer_kwargs=dict(context='episode')`."
+        )
 
 
 def _check_loaded(model: OffPolicyAlgorithm) -> None:
-    """Refuse arguments of ``load`` that say otherwise than what was saved how the encoder and the policy are built.
+    """Refuse arguments of ``load`` about how encoder and policy are built, where they differ from what was saved.
 
     SB3's ``load`` makes attributes of its arguments, and builds the policy by what was saved.
     """
     for name in ("encoder_class", "encoder_kwargs", "critic_input"):
         if name in vars(model):
             given, built = vars(model).pop(name), model.policy_kwargs[name]
+            if name == "encoder_class":
+                given, built = find_encoder(given), find_encoder(built)
             if (given or {}) != (built or {}):
                 raise ValueError(f"`{name}={given!r}` is not what the model was saved with, {built!r}: leave it out.")
 
@@ -126,10 +138,14 @@ def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Spa
 
 
 def read_task_space(env: VecEnv, known: spaces.Box | None = None) -> spaces.Box:
-    """The task space of an env.
+    """Read the task space of an env.
 
-    :param known: the task space that it must equal, if the model has one already
-    :raises ValueError: if the env has none, or another than the one known
+    Args:
+        env: the env.
+        known: the task space that it must equal, if the model has one already.
+
+    Raises:
+        ValueError: if the env has none, or another than the one known.
     """
     if not env.has_attr("task_space"):
         raise ValueError(f"The env has no `task_space`: {WRAP}.")
@@ -154,7 +170,8 @@ def read_task_space(env: VecEnv, known: spaces.Box | None = None) -> spaces.Box:
 def check_task_infos(env: VecEnv) -> None:
     """Check the infos of a reset that just happened.
 
-    :raises ValueError: if an info has no "task", or one that is not in the task space
+    Raises:
+        ValueError: if an info has no "task", or one that is not in the task space.
     """
     space = read_task_space(env)
     for info in env.unwrapped.reset_infos:
@@ -162,4 +179,4 @@ def check_task_infos(env: VecEnv) -> None:
             raise ValueError(f'The reset info has no "task": {WRAP}, or put the task vector there yourself.')
         task = np.asarray(info["task"], dtype=space.dtype)
         if not space.contains(task):
-            raise ValueError(f'The reset info\'s "task" {task} is not in the task space {space}: mend `task_space`.')
+            raise ValueError(f'The reset info\'s "task" {task} is not in the task space {space}: widen `task_space`.')

@@ -1,7 +1,7 @@
 """Scalars that stay on their device until SB3's logger is dumped.
 
-To make a number of a tensor on a GPU is to wait for the GPU. An update records its scalars far more often than a line
-of the log is written.
+Making a number of a tensor on a GPU waits for the GPU. An update records its scalars far more often than a line of the
+log is written.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from torch import Tensor
 class TensorReader(KVWriter):
     """Turns recorded tensors into numbers, in one transfer, for the logger's outputs that come after it.
 
-    :ivar names: of the tensors recorded
+    Attributes:
+        names: of the tensors recorded.
     """
 
     def __init__(self) -> None:
@@ -30,12 +31,12 @@ class TensorReader(KVWriter):
             key_values.update(zip(recorded, numbers, strict=True))
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Close nothing: no file is open."""
 
 
-def record_late(logger: Logger, scalars: Mapping[str, Tensor]) -> None:
+def log_late(logger: Logger, scalars: Mapping[str, Tensor]) -> None:
     """Record tensors of shape () that become numbers when the logger is dumped."""
-    reader = next((one for one in logger.output_formats if isinstance(one, TensorReader)), None)
+    reader = next((output for output in logger.output_formats if isinstance(output, TensorReader)), None)
     if reader is None:
         reader = TensorReader()
         logger.output_formats.insert(0, reader)  # outputs write in this order, all from one dict

@@ -5,7 +5,9 @@ The policy owns the task encoder, so that device, ``state_dict``, ``save`` and `
 
 from __future__ import annotations
 
+import copy
 import warnings
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,38 +19,43 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, Flatten
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 from stable_baselines3.common.utils import is_vectorized_observation
 
-from sb3_bruno.algorithms.forgetting import Suspicion, absorb_or_forget, no_suspicion, where
+from sb3_bruno.algorithms.carried import Carried, State
+from sb3_bruno.algorithms.forgetting import absorb_or_forget
 from sb3_bruno.buffers.extended_obs import CriticInput, ExtendedObs, SliceExtractor
-from sb3_bruno.buffers.transfer import to_device, to_host
-from sb3_bruno.encoders import BrunoEncoder, Statistics, TaskEncoder, Transitions
+from sb3_bruno.buffers.transfer import to_device
+from sb3_bruno.encoders import BrunoEncoder, Predicts, TaskEncoder, Transitions, find_encoder
+from sb3_bruno.encoders.abilities import check_ability
 
 Observation = NDArray[Any] | th.Tensor | dict[str, NDArray[Any]]
-State = tuple[NDArray[Any], ...]
-"""What an agent carries from step to step: the encoder's statistics, the observation it came from and, where it may
-forget, the evidence of a switch and the statistics since that began. Every array has shape (n_envs, anything)."""
-DeviceState = tuple[th.Tensor, ...]
-"""The same as tensors on the policy's device, as a rollout carries it."""
 
 
 class TaskInferencePolicy(BasePolicy):
-    """Mixin for SB3's actor-critic policies.
+    """Makes SB3's actor-critic policies act on observation and belief. A mixin.
 
-    :param observation_space: the Dict of ``TransitionObservation``
-    :param action_space: action space
-    :param lr_schedule: learning rate schedule of actor and critics
-    :param task_space: the space of task vectors, which critics may read
-    :param encoder_class: task encoder, built from ``(observation_dim, action_dim, **encoder_kwargs)``
-    :param encoder_kwargs: further arguments of the encoder
-    :param critic_input: what critics read beside observation and action: "task", "belief" or "both"
-    :param forget_threshold: nats of evidence for another task at which ``predict`` forgets what came before; None:
-        never. For tasks that switch in mid-episode; may be set on a trained policy. Training never forgets
-    :param kwargs: arguments of the policy that this is mixed into
-    :raises ValueError: if a features extractor is asked for, which the extended observation would drop silently, or
-        ``forget_threshold`` is not positive
+    Args:
+        observation_space: the Dict of ``TransitionObservation``.
+        action_space: action space.
+        lr_schedule: learning rate schedule of actor and critics.
+        task_space: the space of task vectors, which critics may read.
+        encoder_class: task encoder, or its name in ``ENCODERS``.
+        encoder_kwargs: arguments of the encoder beyond the dimensions.
+        target_encoder: whether there is a slow copy of the encoder, for the beliefs of next observations.
+        critic_input: what critics read beside observation and action: "task", "belief" or "both". None: "belief"
+            where the encoder learns from the critics, which then must read it, else "task".
+        forget_threshold: nats of evidence for another task at which ``predict`` forgets what came before; None:
+            never. For tasks that switch in mid-episode; may be set on a trained policy. Training never forgets.
+        **kwargs: arguments of the policy that this is mixed into.
+
+    Raises:
+        ValueError: if a features extractor is asked for, which the extended observation would drop silently,
+            ``forget_threshold`` is not positive or the encoder cannot notice a switch, or the critics do not read the
+            belief that they should teach.
     """
 
     observation_space: spaces.Dict
     encoder: TaskEncoder
+    encoder_target: TaskEncoder | None
+    critic_input: CriticInput
     actor_kwargs: dict[str, Any]
     critic_kwargs: dict[str, Any]
 
@@ -59,9 +66,10 @@ class TaskInferencePolicy(BasePolicy):
         lr_schedule: Schedule,
         *,
         task_space: spaces.Box,
-        encoder_class: type[TaskEncoder] = BrunoEncoder,
-        encoder_kwargs: dict[str, Any] | None = None,
-        critic_input: CriticInput = "task",
+        encoder_class: str | type[TaskEncoder] = BrunoEncoder,
+        encoder_kwargs: Mapping[str, Any] | None = None,
+        target_encoder: bool = False,
+        critic_input: CriticInput | None = None,
         forget_threshold: float | None = None,
         **kwargs: Any,
     ) -> None:
@@ -75,11 +83,12 @@ class TaskInferencePolicy(BasePolicy):
         if kwargs.get("share_features_extractor"):
             raise ValueError("`share_features_extractor=True` is not supported: actor and critics read other slices.")
         self.task_space = task_space
-        self.encoder_class = encoder_class
+        self.encoder_class = find_encoder(encoder_class)
         self.encoder_kwargs = dict(encoder_kwargs or {})
-        self.critic_input = critic_input
-        self.forget_threshold = forget_threshold
+        self._has_target_encoder = target_encoder
+        self._given_critic_input = critic_input
         super().__init__(observation_space, action_space, lr_schedule, **kwargs)
+        self.forget_threshold = forget_threshold
 
     @property
     def forget_threshold(self) -> float | None:
@@ -90,18 +99,29 @@ class TaskInferencePolicy(BasePolicy):
     def forget_threshold(self, nats: float | None) -> None:
         if nats is not None and not nats > 0:
             raise ValueError(f"`forget_threshold` must be positive nats, got {nats}: None never forgets.")
+        if nats is not None:
+            check_ability(self.encoder, Predicts, f"`forget_threshold={nats}`")
         self._forget_threshold = nats
 
     def _build(self, lr_schedule: Schedule) -> None:
         observation_dim = spaces.flatdim(self.observation_space["observation"])
-        encoder = self.encoder_class(observation_dim, spaces.flatdim(self.action_space), **self.encoder_kwargs)
-        self._n_statistics = len(encoder.empty())
-        self.layout = ExtendedObs(observation_dim, encoder.belief_dim, spaces.flatdim(self.task_space))
+        task_dim = spaces.flatdim(self.task_space)
+        encoder = self.encoder_class.build(
+            observation_dim, spaces.flatdim(self.action_space), task_dim, **self.encoder_kwargs
+        )
+        self.critic_input = self._given_critic_input or ("belief" if encoder.learns_from == "critic" else "task")
+        if encoder.learns_from == "critic" and self.critic_input == "task":
+            raise ValueError(
+                "`critic_input='task'` teaches an encoder that learns from the critics nothing, for they do not read "
+                "the belief: use 'belief' or 'both', or an encoder that learns from the actor."
+            )
+        self.layout = ExtendedObs(observation_dim, encoder.belief_dim, task_dim)
         for net_kwargs in (self.actor_kwargs, self.critic_kwargs):
             net_kwargs["observation_space"] = self.layout.space
         super()._build(lr_schedule)  # type: ignore[misc]  # of the policy it is mixed into
         # After the actor: SB3 looks for a policy's device at its first parameter, four times in a rollout's step.
-        self.encoder = encoder.eval()  # but for its own updates
+        self.encoder = encoder.eval()  # train mode is for its own updates
+        self.encoder_target = copy.deepcopy(encoder).requires_grad_(False) if self._has_target_encoder else None
 
     def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
         extractor = SliceExtractor(self.layout.space, self.layout.actor_slices)
@@ -117,6 +137,7 @@ class TaskInferencePolicy(BasePolicy):
             task_space=self.task_space,
             encoder_class=self.encoder_class,
             encoder_kwargs=self.encoder_kwargs,
+            target_encoder=self._has_target_encoder,
             critic_input=self.critic_input,
             forget_threshold=self.forget_threshold,
         )
@@ -131,37 +152,44 @@ class TaskInferencePolicy(BasePolicy):
         episode_start: NDArray[Any] | None = None,
         deterministic: bool = False,
     ) -> tuple[NDArray[Any], State | None]:
-        """As SB3's recurrent policies: pass back the ``state`` that the last call returned.
+        """Act, as SB3's recurrent policies do: pass back the ``state`` that the last call returned.
 
-        :param observation: what ``TransitionObservation`` returns, or a batch of it; an extended observation
-            (an array or tensor, as in the replay buffer) is acted on as it is
-        :param state: the belief so far; None is the prior
-        :param episode_start: where True, shape (n_envs,), the belief starts again from the prior
-        :param deterministic: the actor's mode instead of a sample
-        :return: the actions, and the state after this observation
+        Args:
+            observation: what ``TransitionObservation`` returns, or a batch of it. An extended observation (an array or
+                tensor, as in the replay buffer) is acted on as it is.
+            state: the belief so far; None is the prior.
+            episode_start: where True, shape (n_envs,), the belief starts again from the prior.
+            deterministic: the actor's mode instead of a sample.
+
+        Returns:
+            The actions, and the state after this observation.
+
+        Raises:
+            ValueError: if ``state`` is none that this policy returned, or an array is no extended observation.
         """
         if not isinstance(observation, dict):
             return super().predict(observation, state, episode_start, deterministic)  # type: ignore[arg-type]  # as it is
-        carried = None if state is None else to_device(state, self.device)
+        carried = None if state is None else Carried.unpack(state, self.encoder, self.device)
         extended, carried = self.extend(observation, carried, episode_start, self.forget_threshold)
         actions, _ = super().predict(extended, deterministic=deterministic)  # type: ignore[arg-type]  # likewise
-        return actions, to_host(carried)
+        return actions, carried.pack()
 
     @th.inference_mode()
     def extend(
         self,
         observation: dict[str, NDArray[Any]],
-        state: DeviceState | None = None,
+        carried: Carried | None = None,
         episode_start: NDArray[Any] | None = None,
         forget_threshold: float | None = None,
-    ) -> tuple[th.Tensor, DeviceState]:
+    ) -> tuple[th.Tensor, Carried]:
         """Absorb the transition that led to ``observation`` and lay out the extended observation.
 
         The Dict's own ``episode_start`` says that no transition led here; the argument says that the belief
         starts again. All that comes from the host goes to the device in one transfer, and nothing comes back.
         Without a ``forget_threshold`` nothing is forgotten: so it is in rollouts of training, as in their replay.
 
-        :return: the extended observation, shape (n_envs, dim) or (dim,) as ``observation`` was, and the next state
+        Returns:
+            The extended observation, shape (n_envs, dim) or (dim,) as ``observation`` was, and what to carry on.
         """
         vectorized = is_vectorized_observation(observation["observation"], self.observation_space["observation"])
         n_envs = len(observation["observation"]) if vectorized else 1
@@ -169,7 +197,7 @@ class TaskInferencePolicy(BasePolicy):
         if episode_start is not None:
             fresh = np.asarray(episode_start, dtype=bool).reshape(n_envs)
         began = np.asarray(observation["episode_start"]).reshape(n_envs) > 0  # also if VecNormalize has centred it
-        if state is None:
+        if carried is None:
             if not began.all():
                 warnings.warn(
                     "`predict` was called in mid-episode without `state`, so the agent acts on its prior: pass back "
@@ -180,47 +208,41 @@ class TaskInferencePolicy(BasePolicy):
         began = began | fresh
         parts = [observation["observation"], observation["action"], observation["reward"], fresh, began]
         here, action, reward, fresh_column, began_column = to_device(
-            [np.asarray(one).reshape(n_envs, -1) for one in parts], self.device
+            [np.asarray(part).reshape(n_envs, -1) for part in parts], self.device
         )
-        nothing = self._no_memory(n_envs, forget_threshold)
-        *carried, before = (*nothing, here) if state is None else state
-        # What a call that forgets carries beside the statistics begins here, and ends, if others were before or after.
-        memory = (*carried[: len(nothing)], *nothing[len(carried) :])
-        memory = where(fresh_column > 0, nothing, memory) if fresh.any() else memory
-        absorbed = self._absorb(memory, Transitions(before, action, reward, here), forget_threshold)
-        memory = where(began_column > 0, memory, absorbed) if began.any() else absorbed
-        extended = self.layout.join(here, self.encoder.belief(self.statistics(memory)))
-        return (extended if vectorized else extended[0]), (*memory, here)
+        nothing = Carried.start(self.encoder, here, may_forget=forget_threshold is not None)
+        if carried is None:
+            carried = nothing
+        elif forget_threshold is None:  # an agent may be told to forget, or not to, in mid-episode
+            carried = carried._replace(suspicion=None)
+        elif carried.suspicion is None:
+            carried = carried._replace(suspicion=nothing.suspicion)
+        carried = nothing.where(fresh_column > 0, carried) if fresh.any() else carried
+        after = self._absorb(carried, Transitions(carried.observation, action, reward, here), forget_threshold)
+        if began.any():
+            begun = carried._replace(memory=self.encoder.start_episode(carried.memory))
+            after = begun.where(began_column > 0, after)
+        after = after._replace(observation=here)
+        extended = self.layout.join(here, self.encoder.belief(after.memory))
+        return (extended if vectorized else extended[0]), after
 
-    def statistics(self, state: DeviceState) -> Statistics:
-        """What the encoder keeps, which comes first in a state."""
-        return state[: self._n_statistics]
-
-    def _no_memory(self, n_envs: int, forget_threshold: float | None) -> DeviceState:
-        """What is carried beside the observation, at an episode's start."""
-        if forget_threshold is None:
-            return self.encoder.empty((n_envs,))
-        evidence, recent = no_suspicion(self.encoder, (n_envs,))
-        return (*self.encoder.empty((n_envs,)), *recent, evidence)
-
-    def _absorb(self, memory: DeviceState, transitions: Transitions, forget_threshold: float | None) -> DeviceState:
-        statistics = self.statistics(memory)
-        if forget_threshold is None:
-            return self.encoder.absorb(statistics, transitions)
-        *recent, evidence = memory[len(statistics) :]
-        suspicion = Suspicion(evidence, tuple(recent))
-        statistics, suspicion = absorb_or_forget(self.encoder, statistics, suspicion, transitions, forget_threshold)
-        return (*statistics, *suspicion.recent, suspicion.evidence)
+    def _absorb(self, carried: Carried, transitions: Transitions, forget_threshold: float | None) -> Carried:
+        memory, _, suspicion = carried
+        if forget_threshold is None or suspicion is None:
+            return carried._replace(memory=self.encoder.absorb(memory, transitions))
+        memory, suspicion = absorb_or_forget(self.encoder, memory, suspicion, transitions, forget_threshold)
+        return carried._replace(memory=memory, suspicion=suspicion)
 
     def set_training_mode(self, mode: bool) -> None:
-        """As SB3; where nothing changes nothing is done, for SB3 asks twice in every step of a rollout."""
+        """Change the mode, as in SB3, unless it is that already: SB3 asks twice in every step of a rollout."""
         if mode != self.training:
             super().set_training_mode(mode)
 
     def obs_to_tensor(self, observation: Observation) -> tuple[PyTorchObs, bool]:
-        """Also of an extended observation, shape (n_envs, dim) or (dim,).
+        """Convert an observation, as in SB3, or an extended one, shape (n_envs, dim) or (dim,).
 
-        :raises ValueError: if an array is not an extended observation
+        Raises:
+            ValueError: if an array is not an extended observation.
         """
         if isinstance(observation, dict):
             return super().obs_to_tensor(observation)

@@ -1,34 +1,69 @@
-"""BrunoSAC: SAC whose actor acts on observation and belief."""
+"""SAC with task inference: by BRUNO, by a recurrent network, or by any encoder."""
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Generic, Unpack
 
 from stable_baselines3 import SAC
 from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.sac.policies import SACPolicy
 
+from sb3_bruno.algorithms.arguments import EncoderArguments, SACArguments, takes_arguments_of
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.algorithms.task_inference import TaskInference
+from sb3_bruno.encoders import TaskEncoder
+from sb3_bruno.encoders.bruno import BrunoArguments
+from sb3_bruno.encoders.recurrent import RecurrentArguments
 
 
-class BrunoSACPolicy(TaskInferencePolicy, SACPolicy):
-    """SAC's policy on observation and belief."""
+class TaskSACPolicy(TaskInferencePolicy, SACPolicy):
+    """Acts as SAC's policy does, on observation and belief."""
 
 
-class BrunoSAC(TaskInference, SAC):
-    """Soft Actor-Critic with BRUNO task inference.
+class TaskSAC(TaskInference, SAC, Generic[EncoderArguments]):
+    """Soft Actor-Critic with the encoder that ``encoder_class`` names.
 
-    Takes ``SAC``'s arguments and those of ``TaskInference``; ``replay_buffer_kwargs`` are those of
-    ``TaskReplayBuffer``. Reference: Korshunova et al., Exchangeable Models in Meta Reinforcement Learning (2020).
+    Takes ``SAC``'s arguments by name, and those of ``TaskInference``; ``replay_buffer_kwargs`` are those of
+    ``TaskReplayBuffer``.
+    """
+
+    policy: TaskSACPolicy
+    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
+        "MlpPolicy": TaskSACPolicy,
+        "MultiInputPolicy": TaskSACPolicy,
+    }
+
+    @takes_arguments_of(SAC, TaskInference)
+    def __init__(
+        self,
+        policy: str | type[TaskInferencePolicy],
+        env: GymEnv | str,
+        **kwargs: Unpack[SACArguments[EncoderArguments]],
+    ) -> None:
+        super().__init__(policy, env, **kwargs)
+
+
+class BrunoSAC(TaskSAC[BrunoArguments]):
+    """Soft Actor-Critic with BRUNO task inference; ``encoder_kwargs`` are those of ``BrunoEncoder``.
+
+    Reference: Korshunova et al., Exchangeable Models in Meta Reinforcement Learning (2020).
 
     Example:
         >>> model = BrunoSAC("MlpPolicy", "sb3_bruno_envs:PointDir-v0", seed=0)
         >>> model.learn(total_timesteps=2_000)
     """
 
-    policy: BrunoSACPolicy
-    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
-        "MlpPolicy": BrunoSACPolicy,
-        "MultiInputPolicy": BrunoSACPolicy,
-    }
+
+class RecurrentSAC(TaskSAC[RecurrentArguments]):
+    """Soft Actor-Critic with a recurrent network that reads the episode, and learns from the critics.
+
+    ``encoder_kwargs`` are those of ``RecurrentEncoder``. The env need not have tasks:
+    ``TransitionObservation(MetaTask(env))`` serves for any partially observed env.
+
+    Example:
+        >>> model = RecurrentSAC("MlpPolicy", "sb3_bruno_envs:PointDir-v0", seed=0)
+        >>> model.learn(total_timesteps=2_000)
+    """
+
+    default_encoder: ClassVar[str | type[TaskEncoder]] = "recurrent"

@@ -7,16 +7,27 @@ import torch as th
 from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
+from sb3_bruno.buffers.critic_gradient import BeliefGradient
+
 
 class EncodedSequences:
-    """Samples in sequences of one task each, read in a random order without repetition.
+    """Reads samples, in sequences of one task each, in a random order without repetition.
 
-    :param samples: every entry of shape (n_sequences, time, dim)
-    :param lengths: how many steps of each row are real, shape (n_sequences,)
-    :param rng: shuffles the steps of each row
+    Args:
+        samples: every entry of shape (n_sequences, time, dim).
+        lengths: how many steps of each row are real, shape (n_sequences,).
+        rng: shuffles the steps of each row.
+        gradient: takes the gradient of a loss back to the beliefs in the samples; None where no loss teaches them.
     """
 
-    def __init__(self, samples: ReplayBufferSamples, lengths: NDArray[np.int64], rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        samples: ReplayBufferSamples,
+        lengths: NDArray[np.int64],
+        rng: np.random.Generator,
+        gradient: BeliefGradient | None = None,
+    ) -> None:
+        self.gradient = gradient
         self._samples = samples
         self._lengths = lengths
         shape = tuple(samples.rewards.shape[:2])
@@ -25,11 +36,11 @@ class EncodedSequences:
         self._n_read = 0
 
     def has(self, n_sequences: int, per_row: int) -> bool:
-        """Whether ``per_row`` unread steps are left in the longest of ``n_sequences`` rows."""
+        """Tell whether ``per_row`` unread steps are left in the longest of ``n_sequences`` rows."""
         return len(self._lengths) == n_sequences and self._n_read + per_row <= int(self._lengths.max())
 
     def read(self, batch_size: int, per_row: int) -> ReplayBufferSamples:
-        """The next ``batch_size`` samples, spread evenly over the rows; a short row goes round again.
+        """Read the next ``batch_size`` samples, spread evenly over the rows. A short row goes round again.
 
         Example: 5 samples of 2 rows are of rows 0 1 0 1 0, of each row the steps that its shuffled order has next.
         """
@@ -38,4 +49,7 @@ class EncodedSequences:
         steps = np.take_along_axis(self._order, turns, axis=1).T.ravel()[:batch_size]
         rows = np.tile(np.arange(len(self._order)), per_row)[:batch_size]
         places = th.as_tensor(rows * self._order.shape[1] + steps, device=self._samples.rewards.device)
-        return ReplayBufferSamples(*(one.flatten(0, 1)[places] for one in self._samples if one is not None))
+        samples = ReplayBufferSamples(*(entry.flatten(0, 1)[places] for entry in self._samples if entry is not None))
+        if self.gradient is None:
+            return samples
+        return samples._replace(observations=self.gradient.leaf(samples.observations, places))

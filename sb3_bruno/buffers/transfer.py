@@ -15,12 +15,12 @@ from torch import Tensor
 
 
 def to_device(arrays: Sequence[NDArray[Any]], device: th.device | str) -> tuple[Tensor, ...]:
-    """Arrays of shape (..., dim), each with a dim of its own, as tensors of float32."""
+    """Send arrays of shape (..., dim), each with a dim of its own, as tensors of float32."""
     packed = th.as_tensor(np.concatenate(arrays, axis=-1, dtype=np.float32), device=device)
-    return th.split(packed, [one.shape[-1] for one in arrays], dim=-1)
+    return th.split(packed, [array.shape[-1] for array in arrays], dim=-1)
 
 
 def to_host(tensors: Sequence[Tensor]) -> tuple[NDArray[Any], ...]:
-    """The way back: tensors of shape (..., dim) of one type as arrays."""
-    ends = np.cumsum([one.shape[-1] for one in tensors])
+    """Bring back tensors of one type, of shape (..., dim), as arrays."""
+    ends = np.cumsum([tensor.shape[-1] for tensor in tensors])
     return tuple(np.split(th.cat(tuple(tensors), dim=-1).cpu().numpy(), ends[:-1], axis=-1))

@@ -1,6 +1,22 @@
 """Task encoders: from transitions to a belief over the hidden task."""
 
-from sb3_bruno.encoders.base import Outcomes, Statistics, TaskEncoder, Transitions
+from sb3_bruno.encoders.abilities import HasPosterior, MeasuresDistance, Outcomes, Predicts
+from sb3_bruno.encoders.base import Loss, TaskEncoder, TaskSequences, Transitions
 from sb3_bruno.encoders.bruno import BrunoEncoder
+from sb3_bruno.encoders.recurrent import RecurrentEncoder
+from sb3_bruno.encoders.registry import ENCODERS, find_encoder
 
-__all__ = ["BrunoEncoder", "Outcomes", "Statistics", "TaskEncoder", "Transitions"]
+__all__ = [
+    "ENCODERS",
+    "BrunoEncoder",
+    "HasPosterior",
+    "Loss",
+    "MeasuresDistance",
+    "Outcomes",
+    "Predicts",
+    "RecurrentEncoder",
+    "TaskEncoder",
+    "TaskSequences",
+    "Transitions",
+    "find_encoder",
+]

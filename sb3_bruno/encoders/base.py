@@ -1,28 +1,38 @@
-"""What the algorithm asks of a task encoder: statistics that absorb transitions, and the belief read off them.
+"""What the algorithm asks of a task encoder: a memory that absorbs transitions, a belief read off it, and a loss.
 
-Torch only. An encoder knows transitions, not environments, buffers or policies.
+Torch only. An encoder knows transitions, not environments, buffers or policies. What only some encoders can do is in
+``abilities.py``.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, Generic, Literal, NamedTuple, Self
 
 import torch as th
 from torch import Tensor, nn
-from torch.distributions import Distribution
+from typing_extensions import TypeVar
 
-Statistics = tuple[Tensor, ...]
-"""What an encoder keeps of the transitions absorbed: tensors of shape (..., anything), batch dimensions first."""
+AnyMemory = tuple[Tensor, ...]
+"""What an encoder keeps of the transitions absorbed: tensors of shape (..., anything), batch dimensions first.
+
+Any NamedTuple of tensors serves; its names make the encoder readable.
+"""
+Memory = TypeVar("Memory", bound=AnyMemory, default=Any)
+
+Order = Literal["any", "time"]
+Teacher = Literal["own", "critic", "actor"]
 
 
 class Transitions(NamedTuple):
     """A batch of transitions (s, a, r, s') in the form in which the agent observes them.
 
-    :ivar observations: s, shape (..., observation_dim)
-    :ivar actions: a, scaled to [-1, 1], shape (..., action_dim)
-    :ivar rewards: r, shape (..., 1)
-    :ivar next_observations: s', shape (..., observation_dim)
+    Attributes:
+        observations: s, shape (..., observation_dim).
+        actions: a, scaled to [-1, 1], shape (..., action_dim).
+        rewards: r, shape (..., 1).
+        next_observations: s', shape (..., observation_dim).
     """
 
     observations: Tensor
@@ -31,106 +41,120 @@ class Transitions(NamedTuple):
     next_observations: Tensor
 
 
-class Outcomes(NamedTuple):
-    """Monte Carlo samples of what follows an action, in data space.
+class TaskSequences(NamedTuple):
+    """Sequences of transitions of one task each: what an encoder learns from.
 
-    :ivar rewards: shape (samples, ..., 1), or None where the encoder does not model rewards
-    :ivar next_observations: shape (samples, ..., observation_dim), or None where it does not model them
+    Attributes:
+        transitions: shape (batch, time, dim). Whole episodes in their order for an encoder of order "time", else
+            exchangeable.
+        tasks: the true task of each sequence, shape (batch, task_dim). Privileged: for losses, never for beliefs.
+        weights: 1 where a transition counts, 0 where it is padding or the agent never absorbed it, shape (batch, time).
+            None: all count.
     """
 
-    rewards: Tensor | None
-    next_observations: Tensor | None
-
-    def mean(self) -> Outcomes:
-        """The mean over the samples, shapes (..., dim)."""
-        return Outcomes(*(None if one is None else one.mean(dim=0) for one in self))
-
-    def quantile(self, q: float) -> Outcomes:
-        """The q-quantile over the samples, each dimension by itself, shapes (..., dim)."""
-        return Outcomes(*(None if one is None else one.quantile(q, dim=0) for one in self))
+    transitions: Transitions
+    tasks: Tensor
+    weights: Tensor | None = None
 
 
-class TaskEncoder(nn.Module, ABC):
+class Loss(NamedTuple):
+    """A loss and what to log of it.
+
+    Attributes:
+        total: what to minimise, shape ().
+        scalars: by name, tensors of shape (), which stay on their device.
+    """
+
+    total: Tensor
+    scalars: Mapping[str, Tensor]
+
+
+class TaskEncoder(nn.Module, ABC, Generic[Memory]):
     """Infers the hidden task from transitions.
 
-    Noise that augments the transitions is an argument. Without it, it is zero: so a belief is a function of the
-    transitions, the same in training, rollouts and tests; only the bound draws noise.
+    A belief is a function of the memory: an encoder that samples keeps its noise in there. A subclass takes
+    ``(observation_dim, action_dim, **encoder_kwargs)``, calls ``super().__init__()`` and sets ``belief_dim``.
 
-    :ivar belief_dim: size of the vector that stands for the belief in the extended observation
-    :ivar noise_dim: size of the noise that augments each transition, 0 for none
-    :ivar shortest_sequence: how many transitions of a task ``bound`` needs at least
+    Attributes:
+        belief_dim: size of the vector that stands for the belief in the extended observation.
+        order: "any" if the belief does not depend on the order of the transitions; "time" if the encoder must read
+            whole episodes in their order.
+        learns_from: "own" for an encoder with a ``loss``, trained by itself. "critic" or "actor" for one that learns
+            from the gradient of that loss of the actor-critic at the beliefs; a ``loss``, if it has one, is added.
+        learning_rate: of its Adam, unless the algorithm is given one.
+        max_grad_norm: norm to which its gradient is clipped; None: never.
+        shortest_sequence: how many transitions of a task ``loss`` needs at least.
+        search_space: keyword arguments worth searching, each with the values to choose from.
     """
 
     belief_dim: int
-    noise_dim: int
+    order: Order = "any"
+    learns_from: Teacher = "own"
+    learning_rate: ClassVar[float] = 1e-3
+    max_grad_norm: float | None = None
     shortest_sequence: int = 1
+    search_space: ClassVar[Mapping[str, Sequence[Any]]] = {}
 
-    def draw_noise(self, batch_shape: tuple[int, ...]) -> Tensor:
-        """Standard normal noise for as many transitions, shape (*batch_shape, noise_dim)."""
-        like = next(self.parameters())
-        return th.randn(*batch_shape, self.noise_dim, dtype=like.dtype, device=like.device)
+    @classmethod
+    def build(cls, observation_dim: int, action_dim: int, task_dim: int, **kwargs: Any) -> Self:
+        """Build the encoder for an environment. Override it to use ``task_dim``.
+
+        Args:
+            observation_dim: size of the flattened observation.
+            action_dim: size of the flattened action.
+            task_dim: size of the task vector.
+            **kwargs: the ``encoder_kwargs``.
+        """
+        return cls(observation_dim, action_dim, **kwargs)
 
     @abstractmethod
-    def empty(self, batch_shape: tuple[int, ...] = ()) -> Statistics:
-        """The statistics of no transitions: the prior."""
+    def empty(self, batch_shape: tuple[int, ...] = ()) -> Memory:
+        """Make the memory of no transitions: the prior."""
 
     @abstractmethod
-    def absorb(self, statistics: Statistics, transitions: Transitions, noise: Tensor | None = None) -> Statistics:
-        """The statistics after one more transition each. Transitions (..., dim), noise (..., noise_dim)."""
+    def absorb(self, memory: Memory, transitions: Transitions) -> Memory:
+        """Add one more transition each, (..., dim), to the memory."""
 
     @abstractmethod
-    def prefixes(
-        self, transitions: Transitions, noise: Tensor | None = None, weights: Tensor | None = None
-    ) -> Statistics:
-        """The statistics of the first 0, 1, ..., time transitions: (..., time, dim) -> (..., time + 1, ...).
+    def prefixes(self, transitions: Transitions, weights: Tensor | None = None) -> Memory:
+        """Make the memories of the first 0, 1, ..., time transitions: (..., time, dim) -> (..., time + 1, ...).
 
-        Of weights (..., time), 1 lets a transition count and 0 leaves it out; None: all count.
+        A transition of weight 1 in weights (..., time) is absorbed, one of weight 0 is not. None: all are.
         """
 
     @abstractmethod
-    def belief(self, statistics: Statistics) -> Tensor:
-        """The belief as a vector for actor and critics, shape (..., belief_dim)."""
+    def belief(self, memory: Memory) -> Tensor:
+        """Read the belief off a memory, as a vector for actor and critics, shape (..., belief_dim)."""
 
-    @abstractmethod
-    def posterior(self, statistics: Statistics) -> Distribution:
-        """p(theta | transitions absorbed), batch shape (..., latent_dim)."""
+    def start_episode(self, memory: Memory) -> Memory:
+        """Begin another episode of the same task. The memory stays as it is, unless an encoder says otherwise."""
+        return memory
 
-    @abstractmethod
-    def log_bayes_factor(self, statistics: Statistics, transitions: Transitions) -> Tensor:
-        """log p(transition | nothing absorbed) - log p(transition | statistics), in nats: (..., dim) -> (...)
+    def loss(self, sequences: TaskSequences) -> Loss | None:
+        """Score sequences that each come from one task. None: there is nothing to learn from them alone."""
+        return None
 
-        Below 0 where the belief expected the transition better than the prior does, far above where the task is
-        another.
-        """
+    def diagnostics(self) -> Mapping[str, Tensor]:
+        """Tell scalars worth a line in the log, by name: tensors of shape (), left on their device."""
+        return {}
 
-    @abstractmethod
-    def bound(self, transitions: Transitions) -> Tensor:
-        """The objective on sequences that each come from one task, (batch, time, dim): a scalar to maximise.
 
-        A lower bound on log p(what is modelled | the rest), in nats per transition.
-        """
+def map_memory(function: Callable[..., Tensor], *memories: Memory) -> Memory:
+    """Apply a function to each tensor of a memory, or to those in the same place of several. The type is kept.
 
-    @abstractmethod
-    def one_step_bounds(self, transitions: Transitions) -> Tensor:
-        """A lower bound on log p(what is modelled | the rest, the transitions before) at every step, in nats.
+    Example:
+        >>> map_memory(lambda x: x[:, -1], prefixes)  # the memories after the last transition
+    """
+    tensors = map(function, *memories)
+    kind: Any = type(memories[0])
+    made: Memory = kind._make(tensors) if hasattr(kind, "_make") else kind(tensors)
+    return made
 
-        Of sequences that each come from one task: (..., time, dim) -> (..., time)
-        """
 
-    @abstractmethod
-    def outcomes(
-        self,
-        statistics: Statistics,
-        observations: Tensor,
-        actions: Tensor,
-        next_observations: Tensor | None,
-        n_samples: int,
-    ) -> Outcomes:
-        """Samples of what follows ``actions`` at ``observations``, given the transitions absorbed.
+def choose_memory(mask: Tensor, yes: Memory, no: Memory) -> Memory:
+    """Take the memory ``yes`` where the mask, shape (..., 1), is True, and ``no`` elsewhere."""
 
-        :raises ValueError: if the encoder predicts rewards given ``next_observations``, and these are None
-        """
+    def choose(a: Tensor, b: Tensor) -> Tensor:
+        return th.where(mask.reshape(mask.shape[:-1] + (1,) * (a.ndim - mask.ndim + 1)), a, b)
 
-    @abstractmethod
-    def diagnostics(self) -> dict[str, Tensor]:
-        """Scalars worth a line in the log, by name: tensors of shape (), left on their device."""
+    return map_memory(choose, yes, no)

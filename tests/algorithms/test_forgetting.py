@@ -4,6 +4,7 @@ import torch as th
 
 from sb3_bruno.algorithms.forgetting import absorb_or_forget, no_suspicion
 from sb3_bruno.encoders import BrunoEncoder, Transitions
+from sb3_bruno.encoders.base import map_memory
 
 N, SWITCH, STEPS, THRESHOLD = 500, 30, 60, 5.0
 
@@ -76,10 +77,8 @@ def test_the_log_bayes_factor_is_that_of_the_predictive_densities():
     encoder = BrunoEncoder(3, 2).double()
     parts = [th.randn(5, 4, dim, dtype=th.float64) for dim in (3, 2, 1, 3)]
     context, arrived = (Transitions(*(one[:, t] for one in parts)) for t in (slice(0, 3), 3))
-    statistics = tuple(one[:, -1] for one in encoder.prefixes(context))
+    statistics = map_memory(lambda prefixes: prefixes[:, -1], encoder.prefixes(context))
     z = encoder.latents(arrived)
-    before, after = (
-        encoder.process.predictive(type(encoder.process.empty())(*one)) for one in (encoder.empty((5,)), statistics)
-    )
+    before, after = (encoder.process.predictive(memory) for memory in (encoder.empty((5,)), statistics))
     expected = (before.log_prob(z) - after.log_prob(z)).sum(dim=-1)
     th.testing.assert_close(encoder.log_bayes_factor(statistics, arrived), expected)

@@ -6,7 +6,7 @@ import torch as th
 from stable_baselines3.common.logger import CSVOutputFormat, Logger, TensorBoardOutputFormat
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from sb3_bruno.algorithms.late_log import record_late
+from sb3_bruno.algorithms.late_log import log_late
 
 
 def test_outputs_get_numbers_whoever_dumps(tmp_path):
@@ -15,7 +15,7 @@ def test_outputs_get_numbers_whoever_dumps(tmp_path):
     weight = th.tensor(0.5, requires_grad=True)
     for step in (1, 2):
         logger.record("plain", step)
-        record_late(logger, {"late/twice": 2 * weight * step, "late/once": weight})
+        log_late(logger, {"late/twice": 2 * weight * step, "late/once": weight})
         assert logger.name_to_value["late/twice"].shape == () and not logger.name_to_value["late/twice"].requires_grad
         logger.dump(step)
     logger.record("plain", 3)
@@ -36,7 +36,7 @@ def test_what_others_record_is_left_alone():
     histogram, scalar = th.zeros(3), th.ones(())
     logger.record("theirs", histogram)
     logger.record("their scalar", scalar)
-    record_late(logger, {"ours": th.ones(())})
+    log_late(logger, {"ours": th.ones(())})
     values = logger.name_to_value
     logger.output_formats[0].write(values, {})
     assert values["theirs"] is histogram and values["their scalar"] is scalar

@@ -8,7 +8,7 @@ from gymnasium import spaces
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
 
-from sb3_bruno.algorithms.sac import BrunoSACPolicy
+from sb3_bruno.algorithms.sac import TaskSACPolicy
 from sb3_bruno.encoders import Transitions
 
 SMALL = {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}}
@@ -22,7 +22,7 @@ def make_policy(**kwargs):
     th.manual_seed(0)
     env = make_env()
     task_space = env.get_attr("task_space")[0]
-    return BrunoSACPolicy(
+    return TaskSACPolicy(
         env.observation_space,
         env.action_space,
         lambda _: 1e-3,
@@ -97,7 +97,7 @@ def test_the_dicts_own_flag_says_that_no_transition_led_here_and_the_belief_goes
     inner_reset = {**seen[-1], "episode_start": np.ones((3, 1), dtype=np.float32)}
     _, state = policy.predict(inner_reset, states[-2], np.zeros(3, dtype=bool))
     assert state[0][:, 0].tolist() == [3, 3, 3]
-    np.testing.assert_array_equal(state[-1], seen[-1]["observation"])
+    np.testing.assert_array_equal(state[3], seen[-1]["observation"])
 
 
 def test_predict_changes_nothing_and_repeats_itself():
@@ -174,7 +174,7 @@ def test_a_bare_observation_is_refused(wrong):
 def test_save_and_load_take_the_encoder_along(tmp_path):
     policy = make_policy(critic_input="both")
     policy.save(tmp_path / "policy.pkl")
-    loaded = BrunoSACPolicy.load(tmp_path / "policy.pkl")
+    loaded = TaskSACPolicy.load(tmp_path / "policy.pkl")
     assert isinstance(loaded.observation_space, spaces.Dict)
     _, states = rollout(policy, make_env(), 4)
     for one, two in zip(states, rollout(loaded, make_env(), 4)[1], strict=True):
@@ -202,8 +202,8 @@ def test_forgetting_is_off_by_default_and_never_at_a_threshold_out_of_reach():
     plain, patient = make_policy(), make_policy(forget_threshold=1e9)
     assert plain.forget_threshold is None and patient._get_constructor_parameters()["forget_threshold"] == 1e9
     for one, two in zip(rollout(plain, make_env(), 20)[1], rollout(patient, make_env(), 20)[1], strict=True):
-        assert (len(one), len(two)) == (4, 8)  # statistics, the same since a suspicion began, its evidence, observation
-        for a, b in zip((*one[:3], one[-1]), (*two[:3], two[-1]), strict=True):
+        assert (len(one), len(two)) == (4, 8)  # memory, observation; the memory since a suspicion began, its evidence
+        for a, b in zip(one, two[:4], strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-6)
 
 

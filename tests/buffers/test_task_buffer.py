@@ -9,7 +9,7 @@ import torch as th
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.buffers.extended_obs import ExtendedObs
-from sb3_bruno.buffers.task_buffer import _RING as RING
+from sb3_bruno.buffers.task_ring import _RING as RING
 from sb3_bruno.encoders import BrunoEncoder
 from support.stream import LAYOUT, Recorder, Stream
 

@@ -7,7 +7,7 @@ import pytest
 import torch as th
 from torch.distributions import MultivariateNormal, Normal
 
-from sb3_bruno.encoders import Transitions
+from sb3_bruno.encoders import TaskSequences, Transitions
 from sb3_bruno.encoders.bruno import PROCESSES
 from sb3_bruno.maths.flow import ConditionalFlow
 from support.small_encoder import encoder_of, transitions_of
@@ -81,12 +81,30 @@ def test_standardising_changes_the_map_and_not_what_the_bound_measures():
     th.testing.assert_close(log_det, jacobian.slogdet().logabsdet, rtol=1e-6, atol=1e-8)
 
 
+@pytest.mark.parametrize("objective", ["paper", "holdout", "prequential"])
+@pytest.mark.parametrize("process", PROCESSES)
+def test_padding_of_weight_zero_changes_nothing(monkeypatch, process, objective):
+    encoder = encoder_of(extra_dims=0, process=process, objective=objective).train()
+    monkeypatch.setattr(th, "randint", lambda *args: th.tensor(3))
+    short = transitions_of(2, 8)
+    longer = Transitions(*(th.cat([part, part[:, :4] + 5], dim=1) for part in short))
+    weights = (th.arange(12) < 8).double().expand(2, 12)
+    padded = encoder.loss(TaskSequences(longer, th.zeros(2, 1), weights)).total
+    moved = [buffer.clone() for buffer in encoder.buffers()]
+    again = encoder_of(extra_dims=0, process=process, objective=objective).train()
+    th.testing.assert_close(padded, again.loss(TaskSequences(short, th.zeros(2, 1))).total)
+    for one, two in zip(moved, again.buffers(), strict=True):
+        th.testing.assert_close(one, two)
+
+
 def test_only_training_moves_the_statistics():
     encoder, transitions = encoder_of(), transitions_of(4, 20)
     before = [one.clone() for one in encoder.buffers()]
-    encoder.eval().bound(transitions)
-    assert all(th.equal(one, two) for one, two in zip(before, encoder.buffers(), strict=True))
+    sequences = TaskSequences(transitions, th.zeros(4, 1))
+    encoder.eval().loss(sequences)
     encoder.train().bound(transitions)
+    assert all(th.equal(one, two) for one, two in zip(before, encoder.buffers(), strict=True))
+    encoder.loss(sequences)
     th.testing.assert_close(encoder.standardize_y.mean, transitions.rewards.mean(dim=(0, 1)))
 
 

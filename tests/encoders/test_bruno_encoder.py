@@ -4,18 +4,20 @@ import numpy as np
 import pytest
 import torch as th
 
-from sb3_bruno.encoders import BrunoEncoder, Transitions
+from sb3_bruno.encoders import BrunoEncoder, TaskSequences, Transitions
+from sb3_bruno.encoders.base import map_memory
 from sb3_bruno.encoders.bruno import PROCESSES
 from support.small_encoder import SMALL, encoder_of, transitions_of
 
 
-def permuted(transitions: Transitions, noise: th.Tensor, seed: int) -> tuple[Transitions, th.Tensor]:
+def permuted_prefixes(encoder: BrunoEncoder, transitions: Transitions, noise: th.Tensor, seed: int):
     order = th.as_tensor(np.random.default_rng(seed).permutation(noise.shape[-2]))
-    return Transitions(*(one[..., order, :] for one in transitions)), noise[..., order, :]
+    shuffled = Transitions(*(column[..., order, :] for column in transitions))
+    return encoder.prefixes(shuffled, noise=noise[..., order, :])
 
 
 def last(statistics):
-    return tuple(one[..., -1, :] for one in statistics)
+    return map_memory(lambda prefixes: prefixes[..., -1, :], statistics)
 
 
 @pytest.mark.parametrize("process", PROCESSES)
@@ -23,9 +25,9 @@ def last(statistics):
 def test_belief_does_not_depend_on_the_order(modelled, process):
     encoder, transitions = encoder_of(modelled=modelled, process=process), transitions_of(4, 20)
     noise = encoder.draw_noise((4, 20))
-    belief = encoder.belief(last(encoder.prefixes(transitions, noise)))
+    belief = encoder.belief(last(encoder.prefixes(transitions, noise=noise)))
     for seed in range(5):
-        shuffled = encoder.belief(last(encoder.prefixes(*permuted(transitions, noise, seed))))
+        shuffled = encoder.belief(last(permuted_prefixes(encoder, transitions, noise, seed)))
         th.testing.assert_close(shuffled, belief, rtol=1e-10, atol=1e-12)
 
 
@@ -33,7 +35,7 @@ def test_belief_is_the_conditional_of_a_dense_gaussian_over_theta_and_latents():
     encoder, transitions = encoder_of(process="gaussian"), transitions_of(12)
     noise = encoder.draw_noise((12,))
     z = encoder.latents(transitions, noise)
-    posterior = encoder.posterior(last(encoder.prefixes(transitions, noise)))
+    posterior = encoder.posterior(last(encoder.prefixes(transitions, noise=noise)))
     for d in range(encoder.latent_dim):
         var, cov = encoder.process.var[d].item(), encoder.process.cov[d].item()
         joint = np.full((13, 13), cov)  # theta first, then the latents
@@ -57,7 +59,7 @@ def test_a_transition_of_weight_zero_is_as_if_it_were_not_there():
 def test_absorbing_one_by_one_equals_all_prefixes_at_once(process):
     encoder, transitions = encoder_of(process=process), transitions_of(6, 9)
     noise = encoder.draw_noise((6, 9))
-    prefixes = encoder.prefixes(transitions, noise)
+    prefixes = encoder.prefixes(transitions, noise=noise)
     statistics = encoder.empty((6,))
     for t in range(10):
         for carried, prefix in zip(statistics, prefixes, strict=True):
@@ -70,18 +72,18 @@ def test_absorbing_one_by_one_equals_all_prefixes_at_once(process):
 def test_noise_is_an_argument():
     encoder, transitions = encoder_of(), transitions_of(5)
     zeros = th.zeros(5, 4, dtype=th.float64)
-    th.testing.assert_close(encoder.prefixes(transitions), encoder.prefixes(transitions, zeros), rtol=0, atol=0)
+    th.testing.assert_close(encoder.prefixes(transitions), encoder.prefixes(transitions, noise=zeros), rtol=0, atol=0)
     noise = encoder.draw_noise((5,))
     again, other = (
-        encoder.prefixes(transitions, noise),
-        encoder.prefixes(transitions, encoder.draw_noise((5,))),
+        encoder.prefixes(transitions, noise=noise),
+        encoder.prefixes(transitions, noise=encoder.draw_noise((5,))),
     )
-    th.testing.assert_close(again, encoder.prefixes(transitions, noise), rtol=0, atol=0)
+    th.testing.assert_close(again, encoder.prefixes(transitions, noise=noise), rtol=0, atol=0)
     assert not th.allclose(again[1], other[1])
 
 
 def test_belief_is_mean_and_variance_or_the_mean_alone():
-    statistics = last(encoder_of().prefixes(transitions_of(4, 7), th.zeros(4, 7, 4, dtype=th.float64)))
+    statistics = last(encoder_of().prefixes(transitions_of(4, 7), noise=th.zeros(4, 7, 4, dtype=th.float64)))
     both, mean = encoder_of(), encoder_of(belief="mean")
     posterior = both.posterior(statistics)
     th.testing.assert_close(both.belief(statistics), th.cat([posterior.mean, posterior.variance], dim=-1))
@@ -107,10 +109,10 @@ def test_only_what_is_modelled_enters_the_belief():
     noise = encoder_of().draw_noise((6,))
     transitions = transitions_of(6)
     elsewhere = transitions._replace(next_observations=transitions.next_observations + 1)
-    th.testing.assert_close(encoder_of().prefixes(transitions, noise), encoder_of().prefixes(elsewhere, noise))
+    th.testing.assert_close(encoder_of().prefixes(transitions, noise=noise), encoder_of().prefixes(elsewhere, noise=noise))
     dynamics = encoder_of(modelled="next_observations", extra_dims=4)
     richer = transitions._replace(rewards=transitions.rewards + 1)
-    th.testing.assert_close(dynamics.prefixes(transitions, noise), dynamics.prefixes(richer, noise))
+    th.testing.assert_close(dynamics.prefixes(transitions, noise=noise), dynamics.prefixes(richer, noise=noise))
 
 
 def test_next_observations_are_modelled_as_changes():
@@ -142,17 +144,18 @@ def test_encoder_learns_the_hidden_task():
         direction = th.randint(2, (batch, 1, 1)) * 2.0 - 1
         observations, actions = th.randn(batch, time, 1), th.rand(batch, time, 1) * 2 - 1
         rewards = direction * actions + 0.1 * th.randn_like(actions)
-        return Transitions(observations, actions, rewards, observations), direction[:, 0, 0]
+        return TaskSequences(Transitions(observations, actions, rewards, observations), direction[:, 0])
 
     first = None
     for _ in range(600):
-        bound = encoder.bound(sequences(16, 32)[0])
-        first = bound.item() if first is None else first
+        loss = encoder.loss(sequences(16, 32)).total
+        first = loss.item() if first is None else first
         optimizer.zero_grad()
-        (-bound).backward()
+        loss.backward()
         optimizer.step()
-    assert bound.item() > first + 0.3
-    transitions, direction = sequences(400, 10)
+    assert loss.item() < first - 0.3
+    transitions, tasks, _ = sequences(400, 10)
+    direction = tasks[:, 0]
     with th.no_grad():
         means = encoder.posterior(last(encoder.prefixes(transitions))).mean.numpy()
     weights, *_ = np.linalg.lstsq(np.c_[means, np.ones(400)][:200], direction.numpy()[:200])
@@ -165,7 +168,7 @@ def test_encoder_learns_the_hidden_task():
 def test_outcomes_have_the_density_of_the_predictive(modelled, process):
     """Map samples forward again: their latents must have the predictive's moments."""
     encoder = encoder_of(modelled=modelled, extra_dims=0, process=process)
-    statistics = last(encoder.prefixes(transitions_of(7), encoder.draw_noise((7,))))
+    statistics = last(encoder.prefixes(transitions_of(7), noise=encoder.draw_noise((7,))))
     observation, action = th.zeros(3, dtype=th.float64), th.ones(2, dtype=th.float64)
     with th.no_grad():
         outcomes = encoder.outcomes(statistics, observation, action, None, 20_000)

@@ -24,13 +24,13 @@ LAYOUT = ExtendedObs(1, 2, 1)
 class Recorder(TaskEncoder):
     """A stand-in whose belief tells what was absorbed: how many transitions, and the sum of their observations."""
 
-    belief_dim, noise_dim = 2, 0
+    belief_dim = 2
 
     def __init__(self):
         super().__init__()
         self.anchor = th.nn.Parameter(th.zeros(1))
 
-    def prefixes(self, transitions, noise=None, weights=None):
+    def prefixes(self, transitions, weights=None):
         seen = th.cat([th.ones_like(transitions.observations), transitions.observations], dim=-1)
         if weights is not None:
             seen = seen * weights[..., None]
@@ -39,7 +39,7 @@ class Recorder(TaskEncoder):
     def belief(self, statistics):
         return statistics[0]
 
-    empty = absorb = posterior = bound = outcomes = diagnostics = log_bayes_factor = None  # never asked for here
+    empty = absorb = None  # never asked for here
 
 
 Recorder.__abstractmethods__ = frozenset()

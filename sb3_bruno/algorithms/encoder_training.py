@@ -1,0 +1,202 @@
+"""Trains the encoder beside an off-policy actor-critic: by a loss of its own, or by the actor-critic's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch as th
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.type_aliases import Schedule
+from stable_baselines3.common.utils import FloatSchedule, polyak_update, update_learning_rate
+from torch import Tensor
+
+from sb3_bruno.algorithms.carried import Carried
+from sb3_bruno.algorithms.checks import check_encoder_updates
+from sb3_bruno.algorithms.late_log import log_late
+from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.buffers import TaskReplayBuffer
+from sb3_bruno.encoders import HasPosterior, Loss, TaskEncoder
+from sb3_bruno.encoders.base import map_memory
+
+RECALLED = 64
+"""Transitions of each running episode that a round of updates may cost, on average over rounds, to encode them again."""
+
+
+class EncoderTraining(OffPolicyAlgorithm):
+    """Owns the encoder's optimiser and makes its updates. A part of the mixin ``TaskInference``.
+
+    - An encoder that learns from its *own* loss is updated before each round of the actor-critic's updates,
+      ``encoder_update_ratio`` times as often.
+    - One that learns from the *critics'* or the *actor's* loss is updated once per encode. Hooks on their optimisers
+      collect the gradient at the sampled beliefs (``buffers/critic_gradient.py``), while SB3's own loop runs unchanged.
+    """
+
+    policy: TaskInferencePolicy
+    replay_buffer: TaskReplayBuffer
+    encoder: TaskEncoder
+    encoder_learning_rate: float | Schedule | None
+    encoder_batch_size: int | None
+    encoder_update_ratio: float | None
+    encoder_learning_starts: int | None
+    encoder_tau: float | None
+    _n_encoder_updates: int
+    _encoder_updates_due: float
+    _rounds_since_recall: int
+    _carried: Carried | None
+
+    def _setup_encoder_training(self) -> None:
+        """Make the encoder's optimiser, and attach what teaches it to the others'."""
+        encoder = self.encoder
+        updates = ("encoder_batch_size", "encoder_update_ratio", "encoder_learning_starts")
+        check_encoder_updates(encoder, {name: getattr(self, name) for name in updates})
+        if encoder.learns_from == "own":
+            self.encoder_batch_size = 16 if self.encoder_batch_size is None else self.encoder_batch_size
+            self.encoder_update_ratio = 0.5 if self.encoder_update_ratio is None else self.encoder_update_ratio
+        rate = encoder.learning_rate if self.encoder_learning_rate is None else self.encoder_learning_rate
+        self.encoder_lr_schedule = FloatSchedule(rate)
+        self.encoder_optimizer = th.optim.Adam(encoder.parameters(), lr=self.encoder_lr_schedule(1), fused=True)
+        self.encoder_optimizer.register_step_post_hook(self._follow_slowly)
+        actor: Any = self.policy.actor
+        critic: Any = self.policy.critic
+        if encoder.learns_from == "critic":
+            critic.optimizer.register_step_pre_hook(self._collect_gradient)
+        elif encoder.learns_from == "actor":
+            critic.optimizer.register_step_pre_hook(self._drop_gradient)
+            actor.optimizer.register_step_pre_hook(self._collect_gradient)
+
+    def train(self, gradient_steps: int, batch_size: int = 64) -> None:
+        """Update the encoder and the actor-critic, the latter as SB3 does, on beliefs of the encoder as it is now."""
+        if self.encoder.learns_from != "own":
+            self._train_with_encoder(gradient_steps, batch_size)
+            return
+        if self._encoder_has_started():
+            self._train_encoder(gradient_steps)
+        self.replay_buffer.forget_beliefs()
+        super().train(gradient_steps, batch_size)
+
+    def _encoder_has_started(self) -> bool:
+        starts = self.learning_starts if self.encoder_learning_starts is None else self.encoder_learning_starts
+        return self.num_timesteps > starts
+
+    # -- an own loss -----------------------------------------------------------------------------------------
+
+    def _train_encoder(self, gradient_steps: int) -> None:
+        """Make the updates due, ``encoder_update_ratio`` per actor-critic update: fractions add up over calls."""
+        assert self.encoder_update_ratio is not None  # for mypy: it learns from its own loss
+        self._encoder_updates_due += self.encoder_update_ratio * gradient_steps
+        n_updates = int(self._encoder_updates_due)
+        self._encoder_updates_due -= n_updates
+        if n_updates == 0:
+            return
+        self._set_learning_rate()
+        self.encoder.train()
+        losses = [loss for loss in (self._update_encoder() for _ in range(n_updates)) if loss is not None]
+        self.encoder.eval()
+        names = losses[0].scalars if losses else ()
+        self._finish_updates(
+            len(losses), {name: th.stack([loss.scalars[name] for loss in losses]).mean() for name in names}
+        )
+
+    def _update_encoder(self) -> Loss | None:
+        """Take one step down the encoder's own loss; None if it has none."""
+        assert self.encoder_batch_size is not None  # for mypy: it learns from its own loss
+        loss = self.encoder.loss(self.replay_buffer.sample_sequences(self.encoder_batch_size, self._vec_normalize_env))
+        if loss is not None:
+            self.encoder_optimizer.zero_grad()
+            loss.total.backward()
+            self._step_encoder()
+        return loss
+
+    # -- the loss of the critics or the actor ----------------------------------------------------------------
+
+    def _train_with_encoder(self, gradient_steps: int, batch_size: int) -> None:
+        """Let SB3 update the actor-critic; the encoder learns from its samples, after each encode."""
+        self._set_learning_rate()
+        self.replay_buffer.forget_beliefs()
+        self._gradient_norms: list[Tensor] = []
+        super().train(gradient_steps, batch_size)
+        self._learn_from_samples()
+        norms = self._gradient_norms
+        self._finish_updates(len(norms), {"gradient_norm": th.stack(norms).mean()} if norms else {})
+
+    def _drop_gradient(self, *_: Any) -> None:
+        """Forget the gradient of a loss that does not teach the encoder. A hook of its optimiser."""
+        if self.replay_buffer.gradient is not None:
+            self.replay_buffer.gradient.drop()
+
+    def _collect_gradient(self, *_: Any) -> None:
+        """Keep the gradient of the loss that was just differentiated. A hook of its optimiser."""
+        if self.replay_buffer.gradient is not None:
+            self.replay_buffer.gradient.collect()
+
+    def _learn_from_samples(self) -> None:
+        """Take one step down what the samples of the last encode brought back, and down the encoder's own loss."""
+        gradient = self.replay_buffer.gradient
+        if gradient is None or gradient.n_collected == 0:
+            return
+        self.encoder_optimizer.zero_grad()
+        gradient.backward()
+        own = self.encoder.loss(gradient.sequences)
+        if own is not None:
+            own.total.backward()
+        self._gradient_norms.append(self._step_encoder())
+        self.replay_buffer.forget_beliefs()
+
+    # -- both ------------------------------------------------------------------------------------------------
+
+    def _set_learning_rate(self) -> None:
+        learning_rate = self.encoder_lr_schedule(self._current_progress_remaining)
+        update_learning_rate(self.encoder_optimizer, learning_rate)
+        self.logger.record("encoder/learning_rate", learning_rate)
+
+    def _step_encoder(self) -> Tensor:
+        """Clip the gradient and take a step. Returns the gradient's norm before, shape ()."""
+        limit = self.encoder.max_grad_norm
+        norm = th.zeros(())
+        if limit is not None:
+            norm = th.nn.utils.clip_grad_norm_(self.encoder.parameters(), limit)
+        self.encoder_optimizer.step()
+        return norm
+
+    def _follow_slowly(self, *_: Any) -> None:
+        """Move the target encoder after the encoder. A hook of the encoder's optimiser."""
+        target = self.policy.encoder_target
+        if target is not None and self.encoder_tau is not None:
+            polyak_update(self.encoder.parameters(), target.parameters(), self.encoder_tau)
+            polyak_update(self.encoder.buffers(), target.buffers(), 1.0)
+
+    def _finish_updates(self, n_updates: int, scalars: dict[str, Tensor]) -> None:
+        self._n_encoder_updates += n_updates
+        self._recall_running_episodes()
+        self.logger.record("encoder/n_updates", self._n_encoder_updates, exclude="tensorboard")
+        scalars = {**scalars, **self.encoder.diagnostics()}
+        log_late(self.logger, {f"encoder/{name}": value for name, value in scalars.items()})
+
+    def _recall_running_episodes(self) -> None:
+        """Encode the running episodes again, so that a carried belief hardly mixes an old encoder with a new.
+
+        Episodes of up to 64 transitions are encoded again after every round of updates, longer ones less often, or a
+        round would cost the more the longer they are. Example: an episode of 200 is due every fourth round. The newest
+        transition is left out: the next observation brings it.
+        """
+        if self._carried is None:
+            return
+        slots, lengths = self.replay_buffer.episodes.running()
+        self._rounds_since_recall += 1
+        if RECALLED * self._rounds_since_recall < lengths.max():
+            return
+        self._rounds_since_recall = 0
+        transitions = self.replay_buffer.transitions(slots, self._vec_normalize_env)
+        with th.no_grad():
+            absorbed = self.replay_buffer.to_torch(self.replay_buffer.absorbed(slots)).float()
+            envs = th.arange(self.n_envs, device=self.device)
+            known = th.as_tensor(np.maximum(lengths - 1, 0), device=self.device)
+            memory = map_memory(lambda prefixes: prefixes[envs, known], self.encoder.prefixes(transitions, absorbed))
+            if isinstance(self.encoder, HasPosterior):
+                posterior = self.encoder.posterior(memory)
+                scalars = {"belief/mean_abs": posterior.mean.abs().mean(), "belief/var": posterior.variance.mean()}
+            else:
+                scalars = {"belief/mean_abs": self.encoder.belief(memory).abs().mean()}
+        self._carried = self._carried._replace(memory=memory)
+        log_late(self.logger, scalars)

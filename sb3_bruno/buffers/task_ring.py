@@ -1,0 +1,187 @@
+"""A ring of transitions grouped by task and by episode: what is stored, and which slots hold what.
+
+It knows no encoder and no belief.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch as th
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.vec_env import VecNormalize
+
+from sb3_bruno.buffers.episode_index import EpisodeIndex, Slots
+from sb3_bruno.buffers.observed import TransitionArrays, normalize
+from sb3_bruno.buffers.task_index import SlotQueue, TaskIndex
+from sb3_bruno.buffers.transfer import to_device
+from sb3_bruno.encoders import Transitions
+
+_RING = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts", "inner_ends")
+
+
+class TaskRing(ReplayBuffer):
+    """Stores transitions in a ring, grouped by the task in ``info["task"]``.
+
+    Once ``buffer_size`` transitions are in, the oldest are overwritten, of whatever task. A task whose last transition
+    goes is no longer drawn. Where an info has ``"final_observation"``, an inner episode of a trial ended, and that is
+    the next observation.
+
+    Args:
+        buffer_size: number of transitions, over all environments.
+        observation_space: the Dict of ``TransitionObservation``.
+        action_space: action space.
+        device: PyTorch device of what is gathered.
+        n_envs: number of environments.
+        handle_timeout_termination: do not treat a time limit as termination.
+    """
+
+    def __init__(
+        self,
+        buffer_size: int,
+        observation_space: spaces.Dict,
+        action_space: spaces.Space[Any],
+        device: th.device | str,
+        n_envs: int,
+        handle_timeout_termination: bool,
+    ) -> None:
+        super().__init__(
+            buffer_size,
+            observation_space["observation"],
+            action_space,
+            device,
+            n_envs,
+            handle_timeout_termination=handle_timeout_termination,
+        )
+        self.rng = np.random.default_rng(np.random.randint(2**31))  # noqa: NPY002  # which SB3 seeds
+        self.tasks = TaskIndex(self.buffer_size * n_envs)
+        self.episodes = EpisodeIndex(self.buffer_size, n_envs)
+        self.inner_ends = np.zeros((self.buffer_size, n_envs), dtype=bool)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Keep only the rows of the ring that are filled."""
+        return {**self.__dict__, **{name: getattr(self, name)[: self.size()] for name in _RING}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        for name in _RING:
+            filled = state[name]
+            ring = np.zeros((self.buffer_size, *filled.shape[1:]), dtype=filled.dtype)
+            ring[: len(filled)] = filled
+            setattr(self, name, ring)
+
+    def reset(self) -> None:
+        super().reset()
+        self.tasks = TaskIndex(self.buffer_size * self.n_envs)
+        self.episodes = EpisodeIndex(self.buffer_size, self.n_envs)
+
+    def add(  # type: ignore[override]  # observations are a Dict here, flat in the parent
+        self,
+        obs: dict[str, NDArray[Any]],
+        next_obs: dict[str, NDArray[Any]],
+        action: NDArray[Any],
+        reward: NDArray[Any],
+        done: NDArray[Any],
+        infos: list[dict[str, Any]],
+    ) -> None:
+        """Store one transition per environment.
+
+        Raises:
+            ValueError: if an info has no ``"task"``.
+        """
+        if not all("task" in info for info in infos):
+            raise ValueError(
+                'A step info has no "task": wrap the env in `sb3_bruno_envs.MetaTask`, or put the task vector there.'
+            )
+        first_slot = self.pos * self.n_envs
+        tasks = np.array([info["task"] for info in infos], dtype=np.float32).reshape(self.n_envs, -1)
+        for i, task in enumerate(tasks + np.float32(0.0)):  # which makes -0.0 and 0.0 the same task
+            self.tasks.put(first_slot + i, task)
+        self.episodes.put(done)
+        self.inner_ends[self.pos] = ["final_observation" in info for info in infos]
+        arrivals = np.array(next_obs["observation"])
+        # Not done, even where the inner episode terminated: the trial goes on, and unless values flow through its inner
+        # ends, as they do through a time limit, nothing is earned by finding out what only later episodes are paid for.
+        for arrival, info in zip(arrivals, infos, strict=True):
+            if "final_observation" in info:
+                arrival[...] = info["final_observation"]
+        super().add(obs["observation"], arrivals, action, reward, done, infos)
+
+    # -- which slots -----------------------------------------------------------------------------------------
+
+    def exchangeable_slots(
+        self, n_sequences: int, length: int, n_recent: int | None = None
+    ) -> tuple[Slots, NDArray[np.float32]]:
+        """Draw slots i.i.d. with replacement within tasks, which are drawn uniformly with replacement.
+
+        Args:
+            n_sequences: number of tasks.
+            length: slots per task.
+            n_recent: draw from the last so many transitions of a task; None: from all.
+
+        Returns:
+            Slots (n_sequences, length) and tasks (n_sequences, task_dim).
+        """
+        queues = self._draw_tasks(n_sequences)
+        fractions = self.rng.random((n_sequences, length))
+        slots = np.empty(fractions.shape, dtype=np.int64)
+        for row, queue in enumerate(queues):
+            pool = queue.slots if n_recent is None else queue.slots[-n_recent:]
+            slots[row] = pool[(fractions[row] * len(pool)).astype(np.int64)]
+        return slots, np.stack([queue.task for queue in queues])
+
+    def episode_slots(self, n_sequences: int) -> tuple[Slots, NDArray[np.float32], Slots]:
+        """Draw an episode each of tasks drawn uniformly with replacement, long ones more often than short ones.
+
+        Returns:
+            Slots (n_sequences, longest), rows padded with their last slot, tasks (n_sequences, task_dim), and how many
+            slots of each row are real (n_sequences,).
+        """
+        queues = self._draw_tasks(n_sequences)
+        drawn = np.array([queue.slots[self.rng.integers(len(queue))] for queue in queues], dtype=np.int64)
+        slots, lengths = self.episodes.holding(drawn)
+        return slots, np.stack([queue.task for queue in queues]), lengths
+
+    def _draw_tasks(self, n_sequences: int) -> list[SlotQueue]:
+        if len(self.tasks) == 0:
+            raise RuntimeError("The replay buffer is empty: collect transitions before sampling.")
+        return self.tasks.draw(n_sequences, self.rng)
+
+    # -- what they hold --------------------------------------------------------------------------------------
+
+    def transitions(self, slots: Slots, env: VecNormalize | None = None) -> Transitions:
+        """Gather the transitions in ``slots`` as the agent observed them: normalised if ``env`` normalises them.
+
+        Args:
+            slots: shape (...).
+            env: the VecNormalize, if any.
+
+        Returns:
+            Transitions of shape (..., dim).
+        """
+        return Transitions(*to_device(self.observed(slots, env), self.device))
+
+    def observed(self, slots: Slots, env: VecNormalize | None) -> list[NDArray[Any]]:
+        """Gather s, a, r and s' in ``slots`` as the agent observed them, as flat arrays (..., dim)."""
+        stored = TransitionArrays(
+            self.flat(self.observations)[slots],
+            self.flat(self.actions)[slots],
+            self.flat(self.rewards)[slots][..., None],
+            self.flat(self.next_observations)[slots],
+        )
+        return [array.reshape(*slots.shape, -1) for array in normalize(stored, env)]
+
+    def absorbed(self, slots: Slots) -> NDArray[np.bool_]:
+        """Tell in which slots (...) there are transitions that the agent absorbed.
+
+        It never absorbs the last one of an inner episode: the observation that comes next begins another one.
+        """
+        absorbed: NDArray[np.bool_] = ~self.flat(self.inner_ends)[slots]
+        return absorbed
+
+    def flat(self, array: NDArray[Any]) -> NDArray[Any]:
+        """View a ring with one slot per row: (rows, n_envs, ...) -> (rows * n_envs, ...); slot = row * n_envs + env."""
+        return array.reshape(-1, *array.shape[2:])

@@ -1,0 +1,29 @@
+"""Encoders by name, so that a configuration file can choose one."""
+
+from __future__ import annotations
+
+from sb3_bruno.encoders.base import TaskEncoder
+from sb3_bruno.encoders.bruno import BrunoEncoder
+from sb3_bruno.encoders.recurrent import RecurrentEncoder
+
+ENCODERS: dict[str, type[TaskEncoder]] = {"bruno": BrunoEncoder, "recurrent": RecurrentEncoder}
+"""What ``encoder_class`` may name. An encoder of your own can be added."""
+
+
+def find_encoder(encoder_class: str | type[TaskEncoder]) -> type[TaskEncoder]:
+    """Find the class of an encoder, given itself or its name.
+
+    Raises:
+        ValueError: if the name is unknown, or the class is no ``TaskEncoder``.
+    """
+    if isinstance(encoder_class, str):
+        if encoder_class not in ENCODERS:
+            raise ValueError(
+                f"`encoder_class={encoder_class!r}` is unknown: use one of {sorted(ENCODERS)}, or a class of your own."
+            )
+        return ENCODERS[encoder_class]
+    if not (isinstance(encoder_class, type) and issubclass(encoder_class, TaskEncoder)):
+        raise ValueError(
+            f"`encoder_class={encoder_class!r}` is no `TaskEncoder`: subclass it, or use a name of {sorted(ENCODERS)}."
+        )
+    return encoder_class
