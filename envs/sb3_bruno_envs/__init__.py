@@ -1,14 +1,12 @@
 """Gymnasium environments with a hidden task, for meta-RL; importing the package registers them."""
 
-from sb3_bruno_envs.cartpole import CartpoleSwingUpEnv
 from sb3_bruno_envs.checker import check_meta_env
-from sb3_bruno_envs.cheetah_params import CheetahParamsEnv
-from sb3_bruno_envs.half_cheetah import CheetahDirEnv, CheetahVelEnv, MetaHalfCheetahEnv
-from sb3_bruno_envs.meta_task import MetaTask
-from sb3_bruno_envs.observations import TaskObservation, TransitionObservation
-from sb3_bruno_envs.point_dir import PointDirEnv
+from sb3_bruno_envs.classic.cartpole import CartpoleSwingUpEnv
+from sb3_bruno_envs.classic.point_dir import PointDirEnv
+from sb3_bruno_envs.classic.sparse_point_goal import SparsePointGoalEnv
+from sb3_bruno_envs.mujoco.cheetah_params import CheetahParamsEnv
+from sb3_bruno_envs.mujoco.half_cheetah import CheetahDirEnv, CheetahVelEnv, MetaHalfCheetahEnv
 from sb3_bruno_envs.registration import register_envs
-from sb3_bruno_envs.sparse_point_goal import SparsePointGoalEnv
 from sb3_bruno_envs.tasks import (
     CARTPOLE_TASKS,
     CHEETAH_DIR_TASKS,
@@ -20,7 +18,9 @@ from sb3_bruno_envs.tasks import (
     TaskSet,
     as_task_distribution,
 )
-from sb3_bruno_envs.trial import Trial
+from sb3_bruno_envs.wrappers.meta_task import MetaTask
+from sb3_bruno_envs.wrappers.observations import TaskObservation, TransitionObservation
+from sb3_bruno_envs.wrappers.trial import Trial
 
 __all__ = [
     "CARTPOLE_TASKS",

@@ -21,13 +21,11 @@ from typing import Any, Literal, TypeAlias, get_args
 import gymnasium as gym
 from gymnasium.spaces import Box
 
-from sb3_bruno_envs.cartpole import CartpoleSwingUpEnv
-from sb3_bruno_envs.cheetah_params import CheetahParamsEnv
-from sb3_bruno_envs.half_cheetah import CheetahDirEnv, CheetahVelEnv
-from sb3_bruno_envs.meta_task import Draw, MetaTask
-from sb3_bruno_envs.observations import TaskObservation, TransitionObservation
-from sb3_bruno_envs.point_dir import PointDirEnv
-from sb3_bruno_envs.sparse_point_goal import SparsePointGoalEnv
+from sb3_bruno_envs.classic.cartpole import CartpoleSwingUpEnv
+from sb3_bruno_envs.classic.point_dir import PointDirEnv
+from sb3_bruno_envs.classic.sparse_point_goal import SparsePointGoalEnv
+from sb3_bruno_envs.mujoco.cheetah_params import CheetahParamsEnv
+from sb3_bruno_envs.mujoco.half_cheetah import CheetahDirEnv, CheetahVelEnv
 from sb3_bruno_envs.tasks import (
     CARTPOLE_TASKS,
     CHEETAH_DIR_TASKS,
@@ -38,7 +36,9 @@ from sb3_bruno_envs.tasks import (
     Split,
     TaskSet,
 )
-from sb3_bruno_envs.trial import Trial
+from sb3_bruno_envs.wrappers.meta_task import Draw, MetaTask
+from sb3_bruno_envs.wrappers.observations import TaskObservation, TransitionObservation
+from sb3_bruno_envs.wrappers.trial import Trial
 
 Observe: TypeAlias = Literal["transition", "task", "plain"]
 

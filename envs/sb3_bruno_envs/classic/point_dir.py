@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sb3_bruno_envs.point import PointEnv
+from sb3_bruno_envs.classic.point import PointEnv
 
 _ACTION_COST = 0.05
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sb3_bruno_envs.half_cheetah import MetaHalfCheetahEnv, derive_constants
+from sb3_bruno_envs.mujoco.half_cheetah import MetaHalfCheetahEnv, derive_constants
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 

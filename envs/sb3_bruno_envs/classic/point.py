@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from sb3_bruno_envs.painting import BLUE, GREEN, GREY, blank_image, paint
+from sb3_bruno_envs.classic.painting import BLUE, GREEN, GREY, blank_image, paint
 
 
 class PointEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]], ABC):

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sb3_bruno_envs import CARTPOLE_TASKS, CartpoleSwingUpEnv, cartpole
+from sb3_bruno_envs import CARTPOLE_TASKS, CartpoleSwingUpEnv
+from sb3_bruno_envs.classic import cartpole
 
 MASSES, LENGTHS = st.floats(0.1, 3.0), st.floats(0.1, 1.0)  # kg, m
 STATES = st.tuples(st.floats(-2, 2), st.floats(-5, 5), st.floats(-7, 7), st.floats(-15, 15))

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
-from sb3_bruno_envs.painting import BLUE, GREEN, GREY, blank_image, paint
+from sb3_bruno_envs.classic.painting import BLUE, GREEN, GREY, blank_image, paint
 
 _DT = 0.01  # s
 _GRAVITY = 9.82  # m/s^2, as Deisenroth has it

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sb3_bruno_envs.point import PointEnv
+from sb3_bruno_envs.classic.point import PointEnv
 
 EPISODE_STEPS = 20  # just enough to sweep the half circle of goals once
 GOAL_RADIUS = 0.5  # around the goal, where rewards are paid

@@ -1,0 +1,1 @@
+"""Environments in NumPy alone, learned in seconds to minutes; know no MuJoCo."""

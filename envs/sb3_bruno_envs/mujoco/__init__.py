@@ -1,0 +1,1 @@
+"""Gymnasium's MuJoCo robots with hidden tasks: directions, velocities, bodies."""
