@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sb3_bruno_envs.mujoco.half_cheetah import MetaHalfCheetahEnv, derive_constants
-
-_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
+from sb3_bruno_envs.mujoco.half_cheetah import MetaHalfCheetahEnv
 
 
 class CheetahParamsEnv(MetaHalfCheetahEnv):
@@ -31,10 +28,6 @@ class CheetahParamsEnv(MetaHalfCheetahEnv):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         self.factors = np.ones(4)  # mass, damping, friction, strength
-        model = self.model
-        self._body_mass, self._body_inertia = model.body_mass.copy(), model.body_inertia.copy()
-        self._dof_damping, self._actuator_gear = model.dof_damping.copy(), model.actuator_gear.copy()
-        self._sliding_friction = model.geom_friction[:, 0].copy()
 
     def set_task(self, task: ArrayLike) -> None:
         """Write the model's numbers from a task ``(4,)``; the state of the episode stays.
@@ -47,23 +40,14 @@ class CheetahParamsEnv(MetaHalfCheetahEnv):
             raise ValueError(f"task={task!r} is invalid: give four finite factors, the first three above 0.")
         self.factors = factors
         mass, damping, friction, strength = factors
-        # Always from the stored numbers: factors of one task never meet those of another.
-        self.model.body_mass[:] = mass * self._body_mass
-        self.model.body_inertia[:] = mass * self._body_inertia
-        self.model.dof_damping[:] = damping * self._dof_damping
-        self.model.geom_friction[:, 0] = friction * self._sliding_friction
-        self.model.actuator_gear[:] = strength * self._actuator_gear
-        state = np.empty(mujoco.mj_stateSize(self.model, _STATE))
-        mujoco.mj_getState(self.model, self.data, state, _STATE)
-        derive_constants(self.model, self.data)
-        mujoco.mj_setState(self.model, self.data, state, _STATE)
-        mujoco.mj_forward(self.model, self.data)  # poses to render
+        model, original = self.model, self.original_model  # factors of one task never meet those of another
+        model.body_mass[:] = mass * original.body_mass
+        model.body_inertia[:] = mass * original.body_inertia
+        model.dof_damping[:] = damping * original.dof_damping
+        model.geom_friction[:, 0] = friction * original.geom_friction[:, 0]
+        model.actuator_gear[:] = strength * original.actuator_gear
+        self.refresh_constants()
 
     def progress(self, x_velocity: float) -> float:
         """The forward velocity, m/s."""
         return x_velocity
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Continue in the body of the pickled task; the model itself is built anew."""
-        super().__setstate__(state)
-        self.set_task(self.factors)
