@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -212,72 +211,3 @@ def _task_box(space: Box) -> Box:
     if not isinstance(space, Box) or len(space.shape) != 1:
         raise ValueError(f"the task space is {space!r}: give a Box of shape (dim,).")
     return Box(space.low.astype(np.float32), space.high.astype(np.float32))
-
-
-CHEETAH_DIR_TASKS = TaskSet([[1.0, 0.0], [0.0, 1.0]])
-"""One-hot directions: index 0 is backward (-1), index 1 forward (+1); train and test are the same."""
-
-_VELOCITIES = np.random.RandomState(1337).uniform(0.0, 3.0, 130).round(4).reshape(-1, 1)
-
-CHEETAH_VEL_TASKS = TaskSet(_VELOCITIES[:100], _VELOCITIES[100:], space=Box(0.0, 3.0, (1,)))
-"""Target velocities in m/s, those of the BrunoSAC paper: 100 to train, 30 to test."""
-
-_MASSES, _LENGTHS = [0.5, 1.0, 1.5, 2.0, 2.5], [0.25, 0.5, 0.75]  # kg, m
-_TEST_MASSES, _TEST_LENGTHS = [0.1, 0.25, 0.75, 1.75, 2.25, 3.0], [0.1, 0.2, 0.4, 0.6, 0.9, 0.98]  # kg, m
-
-CARTPOLE_TASKS = TaskSet(list(product(_MASSES, _LENGTHS)), list(product(_TEST_MASSES, _TEST_LENGTHS)))
-"""The cart's mass in kg and the pole's length in m: 15 to train, 36 to test, of which 6 lie inside the train box."""
-
-# Exponents of 2. Motors stronger than the model's on joints damped less make MuJoCo's integrator diverge: at
-# strength 2, damping 1/2 within seconds.
-_LOW, _HIGH = np.array([-1.0, -1.0, -1.0, -1.0]), np.array([1.0, 1.0, 1.0, 0.0])
-_MARGIN = (_HIGH - _LOW) / 4.0
-
-
-def _bodies(seed: int, n: int, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Log-uniform factors, the motors turned round in one body of two, ``(n, 4)``."""
-    rng = np.random.RandomState(seed)
-    factors = 2.0 ** rng.uniform(low, high, (n, 4))
-    factors[:, 3] *= rng.choice([-1.0, 1.0], n)
-    return factors
-
-
-def _bodies_box(low: NDArray[np.float64], high: NDArray[np.float64]) -> Box:
-    """All of them: mass, damping and friction from their least on, strength either way round."""
-    least = np.append(2.0 ** low[:3], -(2.0 ** high[3]))
-    return Box(least.astype(np.float32), (2.0**high).astype(np.float32))
-
-
-_TRAIN_BODIES = _bodies_box(_LOW, _HIGH)
-_WITHIN = _bodies(1337, 120, _LOW, _HIGH)
-_AROUND = _bodies(1338, 60, _LOW - _MARGIN, _HIGH + _MARGIN)
-_BEYOND = [body for body in _AROUND if not _TRAIN_BODIES.contains(body.astype(np.float32))][:20]
-
-CHEETAH_PARAMS_TASKS = TaskSet(
-    _WITHIN[:100],
-    np.concatenate([_WITHIN[100:], _BEYOND]),
-    space=_bodies_box(_LOW - _MARGIN, _HIGH + _MARGIN),
-    train_box=_TRAIN_BODIES,
-)
-"""Factors of mass, damping, friction and strength: 100 to train, 40 to test.
-
-The training tasks and the first 20 test tasks are log-uniform in [1/2, 2], strength in [1/2, 1], in one body of two
-negative: motors turned round. The last 20 test tasks are log-uniform in a range half as wide again, [0.354, 2.828] and
-[0.420, 1.189], each outside the box of the former in at least one factor. Where no motor is turned round, a policy that
-does not know the body does as well as one that does, also in ranges twice as wide (docs/results.md).
-"""
-
-POINT_DIR_TASKS = TaskSet([[-1.0, 0.0], [1.0, 0.0]], space=Box(-1.0, 1.0, (2,)))
-"""Left and right, as unit vectors in the plane; train and test are the same. ``tasks`` may name others."""
-
-_HALF_DISC = Box(np.array([-1.0, 0.0], np.float32), np.array([1.0, 1.0], np.float32))
-
-
-def _goals(n: int) -> NDArray[np.float64]:
-    """The middles of so many equal arcs of the upper half of the unit circle, ``(n, 2)``."""
-    angles = (np.arange(n) + 0.5) * np.pi / n  # rad
-    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
-
-
-SPARSE_POINT_GOAL_TASKS = TaskSet(_goals(40), _goals(20), space=_HALF_DISC)
-"""Goals all along the upper half of the unit circle: 40 to train, and 20 in between to test."""

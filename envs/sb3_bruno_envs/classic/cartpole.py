@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Any
 
 import gymnasium as gym
@@ -11,6 +12,8 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.classic.painting import BLUE, GREEN, GREY, blank_image, paint
+from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.tasks import TaskSet
 
 _DT = 0.01  # s
 _GRAVITY = 9.82  # m/s^2, as Deisenroth has it
@@ -119,3 +122,12 @@ class CartpoleSwingUpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _observation(self) -> NDArray[np.float32]:
         x, velocity, angle, spin = self.state
         return np.array([x, velocity, math.cos(angle), math.sin(angle), spin], dtype=np.float32)
+
+
+_MASSES, _LENGTHS = [0.5, 1.0, 1.5, 2.0, 2.5], [0.25, 0.5, 0.75]  # kg, m
+_TEST_MASSES, _TEST_LENGTHS = [0.1, 0.25, 0.75, 1.75, 2.25, 3.0], [0.1, 0.2, 0.4, 0.6, 0.9, 0.98]  # kg, m
+
+CARTPOLE_TASKS = TaskSet(list(product(_MASSES, _LENGTHS)), list(product(_TEST_MASSES, _TEST_LENGTHS)))
+"""The cart's mass in kg and the pole's length in m: 15 to train, 36 to test, of which 6 lie inside the train box."""
+
+CARTPOLE_SWING_UP = Family(CartpoleSwingUpEnv, CARTPOLE_TASKS, max_episode_steps=200)

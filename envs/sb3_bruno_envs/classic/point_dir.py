@@ -5,9 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.classic.point import PointEnv
+from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.tasks import TaskSet
 
 _ACTION_COST = 0.05
 
@@ -50,3 +53,9 @@ class PointDirEnv(PointEnv):
         back, side = -tip, np.array([-tip[1], tip[0]])
         barb = np.linspace(0.0, 0.25, 10)[:, None]
         return np.concatenate([shaft, tip + barb * (back + side), tip + barb * (back - side)])
+
+
+POINT_DIR_TASKS = TaskSet([[-1.0, 0.0], [1.0, 0.0]], space=Box(-1.0, 1.0, (2,)))
+"""Left and right, as unit vectors in the plane; train and test are the same. ``tasks`` may name others."""
+
+POINT_DIR = Family(PointDirEnv, POINT_DIR_TASKS, max_episode_steps=30)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.classic.point import PointEnv
+from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.tasks import TaskSet
 
 EPISODE_STEPS = 20  # just enough to sweep the half circle of goals once
 GOAL_RADIUS = 0.5  # around the goal, where rewards are paid
@@ -53,3 +56,18 @@ class SparsePointGoalEnv(PointEnv):
         angles = np.linspace(0.0, 2.0 * np.pi, 100)
         circle = self.goal + GOAL_RADIUS * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         return np.concatenate([circle, self.goal[None]])
+
+
+_HALF_DISC = Box(np.array([-1.0, 0.0], np.float32), np.array([1.0, 1.0], np.float32))
+
+
+def _goals(n: int) -> NDArray[np.float64]:
+    """The middles of so many equal arcs of the upper half of the unit circle, ``(n, 2)``."""
+    angles = (np.arange(n) + 0.5) * np.pi / n  # rad
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+SPARSE_POINT_GOAL_TASKS = TaskSet(_goals(40), _goals(20), space=_HALF_DISC)
+"""Goals all along the upper half of the unit circle: 40 to train, and 20 in between to test."""
+
+SPARSE_POINT_GOAL = Family(SparsePointGoalEnv, SPARSE_POINT_GOAL_TASKS, n_episodes=3)

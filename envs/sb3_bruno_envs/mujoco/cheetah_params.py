@@ -5,9 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from gymnasium.spaces import Box
+from numpy.typing import ArrayLike, NDArray
 
+from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.mujoco.half_cheetah import MetaHalfCheetahEnv
+from sb3_bruno_envs.tasks import TaskSet
 
 
 class CheetahParamsEnv(MetaHalfCheetahEnv):
@@ -51,3 +54,45 @@ class CheetahParamsEnv(MetaHalfCheetahEnv):
     def progress(self, x_velocity: float) -> float:
         """The forward velocity, m/s."""
         return x_velocity
+
+
+# Exponents of 2. Motors stronger than the model's on joints damped less make MuJoCo's integrator diverge: at
+# strength 2, damping 1/2 within seconds.
+_LOW, _HIGH = np.array([-1.0, -1.0, -1.0, -1.0]), np.array([1.0, 1.0, 1.0, 0.0])
+_MARGIN = (_HIGH - _LOW) / 4.0
+
+
+def _bodies(seed: int, n: int, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Log-uniform factors, the motors turned round in one body of two, ``(n, 4)``."""
+    rng = np.random.RandomState(seed)
+    factors = 2.0 ** rng.uniform(low, high, (n, 4))
+    factors[:, 3] *= rng.choice([-1.0, 1.0], n)
+    return factors
+
+
+def _bodies_box(low: NDArray[np.float64], high: NDArray[np.float64]) -> Box:
+    """All of them: mass, damping and friction from their least on, strength either way round."""
+    least = np.append(2.0 ** low[:3], -(2.0 ** high[3]))
+    return Box(least.astype(np.float32), (2.0**high).astype(np.float32))
+
+
+_TRAIN_BODIES = _bodies_box(_LOW, _HIGH)
+_WITHIN = _bodies(1337, 120, _LOW, _HIGH)
+_AROUND = _bodies(1338, 60, _LOW - _MARGIN, _HIGH + _MARGIN)
+_BEYOND = [body for body in _AROUND if not _TRAIN_BODIES.contains(body.astype(np.float32))][:20]
+
+CHEETAH_PARAMS_TASKS = TaskSet(
+    _WITHIN[:100],
+    np.concatenate([_WITHIN[100:], _BEYOND]),
+    space=_bodies_box(_LOW - _MARGIN, _HIGH + _MARGIN),
+    train_box=_TRAIN_BODIES,
+)
+"""Factors of mass, damping, friction and strength: 100 to train, 40 to test.
+
+The training tasks and the first 20 test tasks are log-uniform in [1/2, 2], strength in [1/2, 1], in one body of two
+negative: motors turned round. The last 20 test tasks are log-uniform in a range half as wide again, [0.354, 2.828] and
+[0.420, 1.189], each outside the box of the former in at least one factor. Where no motor is turned round, a policy that
+does not know the body does as well as one that does, also in ranges twice as wide (docs/results.md).
+"""
+
+CHEETAH_PARAMS = Family(CheetahParamsEnv, CHEETAH_PARAMS_TASKS, max_episode_steps=200)

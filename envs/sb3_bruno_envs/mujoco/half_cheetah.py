@@ -9,9 +9,12 @@ from typing import Any
 
 import numpy as np
 from gymnasium.envs.mujoco.half_cheetah_v5 import HalfCheetahEnv
+from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
+from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.mujoco.exact_state import ExactState
+from sb3_bruno_envs.tasks import TaskSet
 
 
 class MetaHalfCheetahEnv(ExactState, HalfCheetahEnv):
@@ -70,3 +73,16 @@ class CheetahVelEnv(MetaHalfCheetahEnv):
     def progress(self, x_velocity: float) -> float:
         """Minus the distance to the target velocity, m/s."""
         return -abs(x_velocity - self.velocity)
+
+
+CHEETAH_DIR_TASKS = TaskSet([[1.0, 0.0], [0.0, 1.0]])
+"""One-hot directions: index 0 is backward (-1), index 1 forward (+1); train and test are the same."""
+
+CHEETAH_DIR = Family(CheetahDirEnv, CHEETAH_DIR_TASKS, max_episode_steps=200)
+
+_VELOCITIES = np.random.RandomState(1337).uniform(0.0, 3.0, 130).round(4).reshape(-1, 1)
+
+CHEETAH_VEL_TASKS = TaskSet(_VELOCITIES[:100], _VELOCITIES[100:], space=Box(0.0, 3.0, (1,)))
+"""Target velocities in m/s, those of the BrunoSAC paper: 100 to train, 30 to test."""
+
+CHEETAH_VEL = Family(CheetahVelEnv, CHEETAH_VEL_TASKS, max_episode_steps=200)

@@ -203,3 +203,15 @@ def test_a_pickled_copy_continues_the_episode_of_its_task():
     np.testing.assert_array_equal(copy.step(np.ones(1))[0], env.step(np.ones(1))[0])
     np.testing.assert_array_equal(copy.reset()[0], env.reset()[0])
     np.testing.assert_array_equal(copy.get_wrapper_attr("task"), env.get_wrapper_attr("task"))
+
+
+def test_the_cart_poles_tasks_are_two_grids():
+    train, test = CARTPOLE_TASKS.tasks("train"), CARTPOLE_TASKS.tasks("test")
+    assert train.tolist() == [[mass, length] for mass in (0.5, 1.0, 1.5, 2.0, 2.5) for length in (0.25, 0.5, 0.75)]
+    masses, lengths = np.float32([0.1, 0.25, 0.75, 1.75, 2.25, 3.0]), np.float32([0.1, 0.2, 0.4, 0.6, 0.9, 0.98])
+    np.testing.assert_array_equal(test, [[mass, length] for mass in masses for length in lengths])
+    inside = test[CARTPOLE_TASKS.inside_train_box(test)]
+    np.testing.assert_array_equal(
+        inside, [[m, length] for m in (0.75, 1.75, 2.25) for length in np.float32([0.4, 0.6])]
+    )
+    assert all(task in CARTPOLE_TASKS.space for task in (*train, *test))
