@@ -6,6 +6,7 @@ from sb3_bruno_envs.classic.point_dir import POINT_DIR_TASKS, PointDirEnv
 from sb3_bruno_envs.classic.sparse_point_goal import SPARSE_POINT_GOAL_TASKS, SparsePointGoalEnv
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.mujoco.cheetah_params import CHEETAH_PARAMS_TASKS, CheetahParamsEnv
+from sb3_bruno_envs.mujoco.exact_state import ExactState
 from sb3_bruno_envs.mujoco.half_cheetah import (
     CHEETAH_DIR_TASKS,
     CHEETAH_VEL_TASKS,
@@ -30,6 +31,7 @@ __all__ = [
     "CheetahDirEnv",
     "CheetahParamsEnv",
     "CheetahVelEnv",
+    "ExactState",
     "Family",
     "MetaHalfCheetahEnv",
     "MetaTask",
