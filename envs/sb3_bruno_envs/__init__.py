@@ -1,4 +1,4 @@
-"""Gymnasium environments with a hidden task, for meta-RL; importing the package registers them."""
+"""Offers Gymnasium environments with a hidden task, for meta-RL; importing the package registers them."""
 
 from sb3_bruno_envs.checker import check_meta_env
 from sb3_bruno_envs.classic.cartpole import CARTPOLE_TASKS, CartpoleSwingUpEnv

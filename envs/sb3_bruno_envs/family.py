@@ -18,10 +18,10 @@ Observe: TypeAlias = Literal["transition", "task", "plain"]
 
 
 class Family:
-    """Wraps an environment class in MetaTask and an observation wrapper whenever ``gym.make`` calls it.
+    """Makes an environment in MetaTask and an observation wrapper whenever ``gym.make`` calls it.
 
-    A family is the entry point of its id: ``gym.make`` hands it all keyword arguments and reads the render modes off
-    its ``metadata``. Several families may share a class.
+    A family is the entry point of its id: ``gym.make`` calls it with all keyword arguments, and reads the render modes
+    from ``metadata``. Several families may share a class.
 
     Args:
         env_class: a Gymnasium environment with a method ``set_task(task)``, which is called before every reset.
@@ -58,7 +58,7 @@ class Family:
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """The render modes of the environment class."""
+        """Return the render modes of the environment class."""
         return self.env_class.metadata
 
     def __call__(
@@ -75,7 +75,7 @@ class Family:
 
         Args:
             split: ``"train"`` or ``"test"``.
-            tasks: whatever MetaTask takes; None for the family's own tasks.
+            tasks: other tasks, in any form that MetaTask takes; None for the family's own.
             draw: ``"random"``, ``"cycle"`` or ``"fixed"``, as in MetaTask.
             observe: ``"transition"`` (a Dict, see TransitionObservation), ``"task"`` (what an oracle sees, see
                 TaskObservation) or ``"plain"`` (the bare observation; the task is in ``info`` all the same).
@@ -101,11 +101,11 @@ class Family:
         return TaskObservation(meta) if observe == "task" else meta
 
     def _make_bare(self, **env_kwargs: Any) -> gym.Env[Any, Any]:
-        """Make what MetaTask wraps: the environment, or a trial of its episodes."""
+        """Make the environment, or a trial of its episodes."""
         if self.n_episodes is None:
             return self.env_class(**env_kwargs)
         n_episodes = env_kwargs.pop("n_episodes", self.n_episodes)
-        # No TimeLimit inside: gym.make would read it off the spec and put it around the trial when it rebuilds it.
+        # No TimeLimit inside: the spec would name it, and gym.make would put it around the whole trial.
         return Trial(self.env_class(**env_kwargs), n_episodes)
 
     def __repr__(self) -> str:

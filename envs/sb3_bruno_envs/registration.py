@@ -20,7 +20,7 @@ FAMILIES = {
     "PointDir-v0": "sb3_bruno_envs.classic.point_dir:POINT_DIR",
     "SparsePointGoal-v0": "sb3_bruno_envs.classic.sparse_point_goal:SPARSE_POINT_GOAL",
 }
-"""Where each id's family is defined."""
+"""The place of each id's family. A new family is a file of its own and a line here."""
 
 
 def register_envs() -> None:

@@ -1,4 +1,4 @@
-"""Where tasks come from: finite sets and endless samplers, split into train and test; knows no environment.
+"""Draws tasks from finite sets and endless samplers, split into train and test; knows no environment.
 
 A task is a float32 vector of shape ``(dim,)``. Every distribution states the Box that its tasks live in
 (``space``) and draws a task from a generator that the caller owns (``draw``).
@@ -20,14 +20,14 @@ Sample: TypeAlias = Callable[[np.random.Generator], ArrayLike]
 
 
 class TaskSet:
-    """A finite set of tasks per split, drawn uniformly.
+    """Draws tasks uniformly from a finite set per split.
 
     Args:
         train: the training tasks, ``(n, dim)``.
         test: the test tasks, ``(m, dim)``; without them the training tasks serve both splits.
         space: a one-dimensional Box that holds every task; without it, the bounding box of both splits.
         train_box: the Box that the training tasks were drawn from; without it, their bounding box. Test tasks
-            outside it ask for extrapolation, see ``inside_train_box``.
+            outside it are extrapolation, see ``inside_train_box``.
 
     Raises:
         ValueError: if the tasks are empty, ragged, not finite, of different dimensions or outside ``space``, or a
@@ -64,7 +64,7 @@ class TaskSet:
             raise ValueError(f"train_box={train_box} does not hold every training task: widen it to {bounds}.")
 
     def inside_train_box(self, tasks: ArrayLike) -> NDArray[np.bool_]:
-        """Which of ``tasks`` ``(n, dim)`` lie in the box of the training tasks, bounds included, ``(n,)``.
+        """Say which of ``tasks``, ``(n, dim)``, lie in the box of the training tasks, bounds included, ``(n,)``.
 
         Raises:
             ValueError: if ``tasks`` is no array of shape ``(n, dim)``.
@@ -75,23 +75,23 @@ class TaskSet:
         """
         array, (dim,) = np.asarray(tasks, dtype=np.float32), self.space.shape
         if array.ndim != 2 or array.shape[1] != dim:
-            raise ValueError(f"tasks has shape {array.shape}: give (n, {dim}).")
+            raise ValueError(f"tasks have shape {array.shape}: give (n, {dim}).")
         inside: NDArray[np.bool_] = np.all((self.train_box.low <= array) & (array <= self.train_box.high), axis=1)
         return inside
 
     def tasks(self, split: Split = "train") -> NDArray[np.float32]:
-        """All tasks of a split, ``(n, dim)``, in the given order; read-only."""
+        """Return all tasks of a split, ``(n, dim)``, in the given order; read-only."""
         check_split(split)
         return self._train if split == "train" else self._test
 
     def draw(self, rng: np.random.Generator, split: Split = "train") -> Task:
-        """One task of the split, ``(dim,)``, each as likely as the others."""
+        """Draw a task of the split, ``(dim,)``, each as likely as the others."""
         tasks = self.tasks(split)
         task: Task = tasks[rng.integers(len(tasks))].copy()
         return task
 
     def __eq__(self, other: object) -> bool:
-        """Equal in both splits and the boxes: rebuilding an environment from its spec compares the tasks."""
+        """Compare both splits and the boxes; rebuilding an environment from its spec compares the tasks."""
         if not isinstance(other, TaskSet):
             return NotImplemented
         same_train = np.array_equal(self._train, other._train) and self.train_box == other.train_box
@@ -106,7 +106,7 @@ class TaskSet:
 
 @dataclass(frozen=True)
 class TaskSampler:
-    """An endless distribution of tasks: a function from a generator to a task.
+    """Draws tasks endlessly, by a function from a generator to a task.
 
     Args:
         sample: draws one training task, ``(dim,)``, from the generator that it is given.
@@ -128,7 +128,7 @@ class TaskSampler:
         object.__setattr__(self, "space", _task_box(self.space))
 
     def draw(self, rng: np.random.Generator, split: Split = "train") -> Task:
-        """One task of the split, ``(dim,)``.
+        """Draw a task of the split, ``(dim,)``.
 
         Raises:
             ValueError: if the function gives a task outside ``space``.
@@ -142,7 +142,7 @@ TaskDistribution: TypeAlias = TaskSet | TaskSampler
 
 
 def as_task_distribution(tasks: Any, space: Box | None = None) -> TaskDistribution:
-    """The distribution that ``tasks`` describes.
+    """Return the distribution that ``tasks`` describes.
 
     Args:
         tasks: None (the one constant task ``[0]``), an array-like ``(n, dim)``, a callable that draws a task
@@ -160,7 +160,7 @@ def as_task_distribution(tasks: Any, space: Box | None = None) -> TaskDistributi
         return tasks if space is None else replace(tasks, space=space)
     if callable(tasks):
         if space is None:
-            raise ValueError(f"tasks is a callable, {tasks!r}: give task_space too, a Box of all it draws.")
+            raise ValueError(f"tasks={tasks!r} is a callable without a space: give task_space too, or a TaskSampler.")
         return TaskSampler(tasks, space)
     return TaskSet([[0.0]] if tasks is None else tasks, space=space)
 
@@ -172,7 +172,7 @@ def check_split(split: str) -> None:
 
 
 def check_task(task: ArrayLike, space: Box, name: str) -> Task:
-    """``task`` as a new float32 vector ``(dim,)`` of ``space``.
+    """Return ``task`` as a new float32 vector ``(dim,)`` of ``space``.
 
     Raises:
         ValueError: if its shape is not that of the space, or a value is not finite or outside the bounds.
@@ -189,7 +189,7 @@ def check_task(task: ArrayLike, space: Box, name: str) -> Task:
 
 
 def _task_matrix(tasks: ArrayLike, name: str) -> NDArray[np.float32]:
-    """``tasks`` as a read-only float32 array ``(n, dim)``, or a ValueError that names the argument."""
+    """Return ``tasks`` as a read-only float32 array, ``(n, dim)``; a ValueError names the argument."""
     try:
         matrix = np.array(tasks, dtype=np.float32)
     except (TypeError, ValueError) as error:
@@ -207,7 +207,7 @@ def _task_matrix(tasks: ArrayLike, name: str) -> NDArray[np.float32]:
 
 
 def _task_box(space: Box) -> Box:
-    """``space`` with float32 bounds, or a ValueError when it is not a one-dimensional Box."""
+    """Return ``space`` with float32 bounds; a ValueError refuses all but a one-dimensional Box."""
     if not isinstance(space, Box) or len(space.shape) != 1:
-        raise ValueError(f"the task space is {space!r}: give a Box of shape (dim,).")
+        raise ValueError(f"the task space {space!r} is no vector space: give a Box of shape (dim,).")
     return Box(space.low.astype(np.float32), space.high.astype(np.float32))

@@ -93,7 +93,7 @@ def test_the_train_box_is_the_bounding_box_of_the_training_tasks(train, seed):
     assert tasks.inside_train_box(train).all()
     for task, inside in zip(tasks.tasks("test"), tasks.inside_train_box(tasks.tasks("test")), strict=True):
         assert inside == all(
-            low <= one <= high for low, one, high in zip(train.min(0), task, train.max(0), strict=True)
+            low <= entry <= high for low, entry, high in zip(train.min(0), task, train.max(0), strict=True)
         )
 
 
@@ -113,7 +113,7 @@ def test_a_train_box_that_misses_a_training_task_is_refused(train_box):
 
 @pytest.mark.parametrize("tasks", [[0.5], [[0.5, 0.5]], 0.5])
 def test_only_rows_of_tasks_can_be_inside_the_train_box(tasks):
-    with pytest.raises(ValueError, match=r"tasks has shape .*: give \(n, 1\)"):
+    with pytest.raises(ValueError, match=r"tasks have shape .*: give \(n, 1\)"):
         TaskSet([[0.5]]).inside_train_box(tasks)
 
 
@@ -149,7 +149,7 @@ def test_whatever_a_user_passes_becomes_a_distribution():
     assert as_task_distribution(lambda rng: [0.5], UNIT).draw(rng).tolist() == [0.5]
     tasks = TaskSet([[1.0], [2.0]])
     assert as_task_distribution(tasks) is tasks
-    with pytest.raises(ValueError, match=r"tasks is a callable.*give task_space"):
+    with pytest.raises(ValueError, match=r"tasks=.* is a callable without a space: give task_space"):
         as_task_distribution(lambda rng: [0.5])
 
 

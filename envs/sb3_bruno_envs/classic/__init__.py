@@ -1,1 +1,1 @@
-"""Environments in NumPy alone, learned in seconds to minutes; know no MuJoCo."""
+"""Holds the environments that need NumPy alone and are learned in seconds to minutes; knows no MuJoCo."""

@@ -1,4 +1,4 @@
-"""A point in the plane that should move in a hidden direction: a toy in NumPy alone, learned in seconds."""
+"""Moves a point in the plane, which should go in a hidden direction: a toy that is learned in seconds."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ACTION_COST = 0.05
 
 
 class PointDirEnv(PointEnv):
-    """Move in the hidden direction: reward ``direction . action - 0.05 |action|^2``.
+    """Rewards motion in the hidden direction: ``direction . action - 0.05 |action|^2``.
 
     The observation is the position ``(2,)``, the action the velocity ``(2,)`` in [-1, 1], 0.1 s per step. The
     point starts near the origin; an episode never terminates.
@@ -47,7 +47,7 @@ class PointDirEnv(PointEnv):
         return self.position(), float(reward), False, False, {}
 
     def task_points(self) -> NDArray[np.float64]:
-        """An arrow from the origin."""
+        """Return an arrow from the origin, ``(60, 2)``."""
         tip = self.direction
         shaft = np.linspace(0.0, 1.0, 40)[:, None] * tip
         back, side = -tip, np.array([-tip[1], tip[0]])

@@ -1,1 +1,1 @@
-"""Gymnasium's MuJoCo robots with hidden tasks: directions, velocities, bodies."""
+"""Gives Gymnasium's MuJoCo robots hidden tasks: directions, velocities, bodies."""

@@ -1,4 +1,4 @@
-"""The half-cheetah that runs forward in a body it does not know: its physical parameters are hidden."""
+"""Changes the body of a half-cheetah that should run forward; the body is hidden."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sb3_bruno_envs.tasks import TaskSet
 
 
 class CheetahParamsEnv(MetaHalfCheetahEnv):
-    """Run forward: reward ``x_velocity - ctrl_cost_weight * |action|^2``, whatever the body.
+    """Rewards running forward in a hidden body: ``x_velocity - ctrl_cost_weight * |action|^2``.
 
     A task ``(4,)`` holds factors by which the model's own numbers are multiplied, all 1 for HalfCheetah-v5:
 
@@ -22,10 +22,10 @@ class CheetahParamsEnv(MetaHalfCheetahEnv):
     - 1, damping: every joint's (``dof_damping``); stiffness and armature stay as they are;
     - 2, friction: every geom's sliding friction (``geom_friction[:, 0]``), the floor's too; torsional and rolling
       friction have no effect in this model, whose contacts have ``condim=3``;
-    - 3, strength: every actuator's gear (``actuator_gear``); below 0 the motors are mounted the wrong way round.
+    - 3, strength: every actuator's gear (``actuator_gear``); below 0 the motors turn the wrong way.
 
     Args:
-        **kwargs: those of MetaHalfCheetahEnv.
+        **kwargs: keyword arguments of MetaHalfCheetahEnv.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -52,7 +52,7 @@ class CheetahParamsEnv(MetaHalfCheetahEnv):
         self.refresh_constants()
 
     def progress(self, x_velocity: float) -> float:
-        """The forward velocity, m/s."""
+        """Return the forward velocity, m/s."""
         return x_velocity
 
 
@@ -63,7 +63,7 @@ _MARGIN = (_HIGH - _LOW) / 4.0
 
 
 def _bodies(seed: int, n: int, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Log-uniform factors, the motors turned round in one body of two, ``(n, 4)``."""
+    """Draw log-uniform factors, ``(n, 4)``; the motors of every second body, on average, turn the wrong way."""
     rng = np.random.RandomState(seed)
     factors = 2.0 ** rng.uniform(low, high, (n, 4))
     factors[:, 3] *= rng.choice([-1.0, 1.0], n)
@@ -71,7 +71,7 @@ def _bodies(seed: int, n: int, low: NDArray[np.float64], high: NDArray[np.float6
 
 
 def _bodies_box(low: NDArray[np.float64], high: NDArray[np.float64]) -> Box:
-    """All of them: mass, damping and friction from their least on, strength either way round."""
+    """Return the Box of all such factors; strength has either sign."""
     least = np.append(2.0 ** low[:3], -(2.0 ** high[3]))
     return Box(least.astype(np.float32), (2.0**high).astype(np.float32))
 
@@ -89,10 +89,11 @@ CHEETAH_PARAMS_TASKS = TaskSet(
 )
 """Factors of mass, damping, friction and strength: 100 to train, 40 to test.
 
-The training tasks and the first 20 test tasks are log-uniform in [1/2, 2], strength in [1/2, 1], in one body of two
-negative: motors turned round. The last 20 test tasks are log-uniform in a range half as wide again, [0.354, 2.828] and
-[0.420, 1.189], each outside the box of the former in at least one factor. Where no motor is turned round, a policy that
-does not know the body does as well as one that does, also in ranges twice as wide (docs/results.md).
+The training tasks and the first 20 test tasks are log-uniform in [1/2, 2], strength in [1/2, 1]. Strength is negative
+in about half of the bodies: their motors turn the wrong way. The last 20 test tasks are log-uniform in a range half as
+wide again, [0.354, 2.828] and [0.420, 1.189], and at least one factor of each lies outside the training range. Without
+negative strengths, a policy that does not know the body does as well as one that does, also in ranges twice as wide
+(docs/results.md).
 """
 
 CHEETAH_PARAMS = Family(CheetahParamsEnv, CHEETAH_PARAMS_TASKS, max_episode_steps=200)

@@ -1,4 +1,4 @@
-"""Makes Gymnasium's MuJoCo environments exact to pickle and safe to change; knows no reward and no task."""
+"""Pickles Gymnasium's MuJoCo environments exactly, changed bodies included; knows no reward and no task."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _HANDLES = ("model", "data", "mujoco_renderer", "original_model")  # MuJoCo's an
 class ExactState(MujocoEnv):
     """Continues a pickled episode bit for bit, in the same body; Gymnasium's own pickle begins a new one.
 
-    Put it before Gymnasium's class, and give keyword arguments alone to its constructor:
+    Put it before Gymnasium's class, and give its constructor keyword arguments only:
 
         >>> class HeavyAntEnv(ExactState, AntEnv):
         ...     def __init__(self, factor, **kwargs):
@@ -29,15 +29,15 @@ class ExactState(MujocoEnv):
         ...         self.refresh_constants()
 
     A pickle holds the attributes, the state of the physics, what the last step left in ``data``, and the numbers of
-    the model that were changed since it was built. Attributes must not be views of ``model`` or ``data``: a copy's
-    views would show the old ones.
+    the model that changed since it was built. Do not keep views of ``model`` or ``data`` in attributes: a copy's views
+    would not follow its own simulation.
 
     Args:
-        **kwargs: keyword arguments of the next class, from which a copy builds model and renderer again.
+        **kwargs: keyword arguments of Gymnasium's class. A copy builds model and renderer from them.
     """
 
     original_model: mujoco.MjModel
-    """The model as it was built. Compute changed numbers from these, so that changes never add up."""
+    """The model as it was built. Compute changed numbers from its numbers, so that changes never add up."""
 
     def __init__(self, **kwargs: Any) -> None:
         self._constructor_kwargs = kwargs
@@ -65,7 +65,7 @@ class ExactState(MujocoEnv):
         return model, data
 
     def refresh_constants(self) -> None:
-        """Compute what follows from changed numbers of the model; the episode goes on from the same state."""
+        """Compute what follows from changed numbers of the model; the state of the episode stays."""
         physics = self._physics()
         derive_constants(self.model, self.data)
         mujoco.mj_setState(self.model, self.data, physics, _STATE)
@@ -116,14 +116,14 @@ def _parts(model: mujoco.MjModel) -> tuple[Any, ...]:
 
 
 def _numbers(part: Any) -> Numbers:
-    """Return copies of all numbers that can be written; those of contacts cannot, MuJoCo makes them at every step."""
+    """Return copies of all numbers that can be written. Those of contacts cannot: every step makes new ones."""
     fields = [name for name, field in vars(type(part)).items() if getattr(field, "fset", None) is not None]
     values = {name: getattr(part, name) for name in fields}
     return {name: np.copy(value) for name, value in values.items() if isinstance(value, (np.ndarray, float, int))}
 
 
 def _changed(part: Any, original: Any) -> Numbers:
-    """Return the numbers of ``part`` that differ in a bit from those of ``original``."""
+    """Return the numbers of ``part`` that differ from those of ``original``, even in a bit."""
     before = _numbers(original)
     return {name: value for name, value in _numbers(part).items() if value.tobytes() != before[name].tobytes()}
 

@@ -1,6 +1,6 @@
-"""Gymnasium's half-cheetah with a reward that depends on a hidden task: a direction or a target velocity.
+"""Rewards Gymnasium's half-cheetah for a hidden task: a direction or a target velocity.
 
-The physics are bit-identical to HalfCheetah-v5. The control cost is half of Gymnasium's, as meta-RL has it.
+The physics are bit-identical to HalfCheetah-v5. The control cost is half of Gymnasium's, as usual in meta-RL.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from sb3_bruno_envs.tasks import TaskSet
 
 
 class MetaHalfCheetahEnv(ExactState, HalfCheetahEnv):
-    """HalfCheetah-v5 whose reward is ``progress(x_velocity) - ctrl_cost_weight * |action|^2``.
+    """Rewards HalfCheetah-v5 with ``progress(x_velocity) - ctrl_cost_weight * |action|^2``.
 
     Subclasses say what progress is. Observations ``(17,)``, actions ``(6,)`` in [-1, 1], 0.05 s per step; an
-    episode never terminates. Pickling is exact: a copy continues the episode bit by bit.
+    episode never terminates. Pickling is exact, see ExactState.
 
     Args:
         ctrl_cost_weight: weight of the squared torques.
@@ -37,7 +37,7 @@ class MetaHalfCheetahEnv(ExactState, HalfCheetahEnv):
         super().__init__(ctrl_cost_weight=ctrl_cost_weight, **kwargs)
 
     def progress(self, x_velocity: float) -> float:
-        """The reward, in m/s, for running at ``x_velocity`` (m/s) in the current task."""
+        """Return the reward, in m/s, for running at ``x_velocity`` (m/s) in the current task."""
         raise NotImplementedError
 
     def _get_rew(self, x_velocity: float, action: NDArray[np.float32]) -> tuple[float, dict[str, float]]:
@@ -47,7 +47,7 @@ class MetaHalfCheetahEnv(ExactState, HalfCheetahEnv):
 
 
 class CheetahDirEnv(MetaHalfCheetahEnv):
-    """Run in the hidden direction: reward ``direction * x_velocity - ctrl_cost_weight * |action|^2``."""
+    """Rewards running in the hidden direction: ``direction * x_velocity - ctrl_cost_weight * |action|^2``."""
 
     direction = 1.0  # +1 forward, -1 backward
 
@@ -57,12 +57,12 @@ class CheetahDirEnv(MetaHalfCheetahEnv):
         self.direction = forward - backward
 
     def progress(self, x_velocity: float) -> float:
-        """The velocity in the direction to run in, m/s."""
+        """Return the velocity in the hidden direction, m/s."""
         return self.direction * x_velocity
 
 
 class CheetahVelEnv(MetaHalfCheetahEnv):
-    """Run at the hidden velocity: reward ``-|x_velocity - velocity| - ctrl_cost_weight * |action|^2``."""
+    """Rewards running at the hidden velocity: ``-|x_velocity - velocity| - ctrl_cost_weight * |action|^2``."""
 
     velocity = 1.0  # m/s
 
@@ -71,7 +71,7 @@ class CheetahVelEnv(MetaHalfCheetahEnv):
         (self.velocity,) = np.asarray(task, dtype=np.float64).tolist()
 
     def progress(self, x_velocity: float) -> float:
-        """Minus the distance to the target velocity, m/s."""
+        """Return minus the distance to the target velocity, m/s."""
         return -abs(x_velocity - self.velocity)
 
 

@@ -1,1 +1,1 @@
-"""Wrappers that give an environment tasks, trials and what an agent sees of them; know no environment."""
+"""Holds the wrappers that give an environment tasks, trials and observations; knows no environment."""

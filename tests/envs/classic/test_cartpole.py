@@ -90,10 +90,10 @@ def test_energy_comes_from_the_force_and_goes_into_friction(monkeypatch, frictio
 
 @given(mass=MASSES, length=LENGTHS, state=STATES)
 def test_left_and_right_are_mirror_images(mass, length, state):
-    one, other = cart_pole(mass, length, state), cart_pole(mass, length, tuple(-value for value in state))
-    (_, reward, *_), (_, mirrored, *_) = one.step(np.float32([0.7])), other.step(np.float32([-0.7]))
-    assert one.state == tuple(-value for value in other.state)
-    assert reward == mirrored
+    env, mirrored = cart_pole(mass, length, state), cart_pole(mass, length, tuple(-value for value in state))
+    (_, reward, *_), (_, mirrored_reward, *_) = env.step(np.float32([0.7])), mirrored.step(np.float32([-0.7]))
+    assert env.state == tuple(-value for value in mirrored.state)
+    assert reward == mirrored_reward
 
 
 def test_the_pole_hangs_stably_and_stands_unstably():
@@ -131,8 +131,8 @@ def test_it_terminates_beyond_the_track_alone(x, terminated):
 
 @pytest.mark.parametrize(("action", "clipped"), [(5.0, 1.0), (-5.0, -1.0)])
 def test_the_action_is_clipped(action, clipped):
-    one, other = cart_pole(1.0, 0.5), cart_pole(1.0, 0.5)
-    np.testing.assert_array_equal(one.step(np.float32([action]))[0], other.step(np.float32([clipped]))[0])
+    env, within = cart_pole(1.0, 0.5), cart_pole(1.0, 0.5)
+    np.testing.assert_array_equal(env.step(np.float32([action]))[0], within.step(np.float32([clipped]))[0])
 
 
 def test_it_starts_hanging_with_a_spread_that_the_seed_decides():

@@ -93,8 +93,8 @@ def test_factors_of_one_are_the_untouched_model_to_the_bit_after_any_other():
     for name, expected in model_arrays(untouched.model).items():
         np.testing.assert_array_equal(mine[name], expected, err_msg=name)
     np.testing.assert_array_equal(env.reset(seed=5)[0], untouched.reset(seed=5)[0])
-    for one, other in zip(rollout(env, actions()), rollout(untouched, actions()), strict=True):
-        np.testing.assert_array_equal(one, other)
+    for mine, others in zip(rollout(env, actions()), rollout(untouched, actions()), strict=True):
+        np.testing.assert_array_equal(mine, others)
 
 
 def test_a_task_set_again_in_mid_episode_changes_nothing():
