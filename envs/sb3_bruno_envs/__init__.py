@@ -1,26 +1,24 @@
-"""Gymnasium environments with a hidden task, for meta-RL; importing the package registers them."""
+"""Offers Gymnasium environments with a hidden task, for meta-RL; importing the package registers them."""
 
-from sb3_bruno_envs.cartpole import CartpoleSwingUpEnv
 from sb3_bruno_envs.checker import check_meta_env
-from sb3_bruno_envs.cheetah_params import CheetahParamsEnv
-from sb3_bruno_envs.half_cheetah import CheetahDirEnv, CheetahVelEnv, MetaHalfCheetahEnv
-from sb3_bruno_envs.meta_task import MetaTask
-from sb3_bruno_envs.observations import TaskObservation, TransitionObservation
-from sb3_bruno_envs.point_dir import PointDirEnv
-from sb3_bruno_envs.registration import register_envs
-from sb3_bruno_envs.sparse_point_goal import SparsePointGoalEnv
-from sb3_bruno_envs.tasks import (
-    CARTPOLE_TASKS,
+from sb3_bruno_envs.classic.cartpole import CARTPOLE_TASKS, CartpoleSwingUpEnv
+from sb3_bruno_envs.classic.point_dir import POINT_DIR_TASKS, PointDirEnv
+from sb3_bruno_envs.classic.sparse_point_goal import SPARSE_POINT_GOAL_TASKS, SparsePointGoalEnv
+from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.mujoco.cheetah_params import CHEETAH_PARAMS_TASKS, CheetahParamsEnv
+from sb3_bruno_envs.mujoco.exact_state import ExactState
+from sb3_bruno_envs.mujoco.half_cheetah import (
     CHEETAH_DIR_TASKS,
-    CHEETAH_PARAMS_TASKS,
     CHEETAH_VEL_TASKS,
-    POINT_DIR_TASKS,
-    SPARSE_POINT_GOAL_TASKS,
-    TaskSampler,
-    TaskSet,
-    as_task_distribution,
+    CheetahDirEnv,
+    CheetahVelEnv,
+    MetaHalfCheetahEnv,
 )
-from sb3_bruno_envs.trial import Trial
+from sb3_bruno_envs.registration import register_envs, register_family
+from sb3_bruno_envs.tasks import TaskSampler, TaskSet, as_task_distribution
+from sb3_bruno_envs.wrappers.meta_task import MetaTask
+from sb3_bruno_envs.wrappers.observations import TaskObservation, TransitionObservation
+from sb3_bruno_envs.wrappers.trial import Trial
 
 __all__ = [
     "CARTPOLE_TASKS",
@@ -33,6 +31,8 @@ __all__ = [
     "CheetahDirEnv",
     "CheetahParamsEnv",
     "CheetahVelEnv",
+    "ExactState",
+    "Family",
     "MetaHalfCheetahEnv",
     "MetaTask",
     "PointDirEnv",
@@ -44,6 +44,7 @@ __all__ = [
     "Trial",
     "as_task_distribution",
     "check_meta_env",
+    "register_family",
 ]
 
 register_envs()

@@ -22,13 +22,13 @@ _WRAP = "wrap the environment in TransitionObservation, above any wrapper that c
 
 
 def check_meta_env(env: Env, *, max_steps: int = 1000) -> None:
-    """Raise one ValueError that lists everything wrong with ``env``, each with its remedy.
+    """Raise a ValueError that lists everything wrong with ``env``, each with its remedy.
 
     Runs one episode of random actions and about a hundred resets.
 
     Args:
         env: the environment as an agent gets it, with all its wrappers.
-        max_steps: leave the episode after so many steps if it has not ended.
+        max_steps: leave the episode after this number of steps if it has not ended.
 
     Raises:
         ValueError: if the environment breaks the contract.
@@ -86,7 +86,7 @@ def _check_task_space(env: Env) -> Iterator[str]:
 
 
 def _check_episode(env: Env, max_steps: int) -> Iterator[str]:
-    """Look at every step of one episode; each kind of problem is told once, where it is first met."""
+    """Look at every step of an episode; report each kind of problem once, where it first appears."""
     env.action_space.seed(0)
     observation, info = env.reset(seed=0)
     task, no_action = info.get("task"), np.zeros(env.action_space.shape or ())
@@ -110,7 +110,7 @@ def _check_episode(env: Env, max_steps: int) -> Iterator[str]:
 
 
 def _in_info(env: Env, info: dict[str, Any], task: NDArray[np.float32] | None) -> dict[str, str]:
-    """Problems of one info by kind, in an episode whose reset named ``task``."""
+    """Return problems of an info by kind, in an episode whose reset named ``task``."""
     missing = [key for key in ("task", "task_index") if key not in info]
     found = {f"no {key}": f"info has no {key!r}: wrap the environment in MetaTask." for key in missing}
     if "task" in missing:
@@ -126,9 +126,9 @@ def _in_info(env: Env, info: dict[str, Any], task: NDArray[np.float32] | None) -
 def _in_observation(
     env: Env, observation: Any, action: NDArray[Any] | None, reward: float | None, start: float
 ) -> dict[str, str]:
-    """Problems of one observation by kind; it should show this scaled action, reward and episode start.
+    """Return problems of an observation by kind; it should show this scaled action, reward and episode start.
 
-    None of an action or a reward is not compared.
+    An action or a reward of None is not compared.
     """
     if not isinstance(observation, dict):
         return {}  # told already, of the space
@@ -190,21 +190,21 @@ def _check_secrecy(env: Env) -> Iterator[str]:
 
 
 def _start(env: Env, seed: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """The task ``(dim,)`` and the flat first observation ``(obs_dim,)`` after a reset; empty if missing."""
+    """Reset; return the task ``(dim,)`` and the flat first observation ``(obs_dim,)``, empty if missing."""
     observation, info = env.reset(seed=seed)
     inner = observation.get("observation", []) if isinstance(observation, dict) else observation
     return np.ravel(info.get("task", [])), np.ravel(inner)
 
 
 def _nth_action(space: gym.Space[Any], step: int) -> Any:
-    """The lowest action, the highest, then random ones."""
+    """Return the lowest action, the highest, then random ones."""
     if isinstance(space, Box) and space.is_bounded() and step <= 2:
         return space.low.copy() if step == 1 else space.high.copy()
     return space.sample()
 
 
 def _scaled(space: gym.Space[Any], action: Any) -> NDArray[np.float64] | None:
-    """``action`` on the scale [-1, 1], flat, ``(action_dim,)``; None if its space has no scale."""
+    """Scale ``action`` to [-1, 1], flat, ``(action_dim,)``; None if its space has no scale."""
     if not isinstance(space, Box) or not space.is_bounded():
         return None
     middle, half = (space.high + space.low) / 2.0, (space.high - space.low) / 2.0

@@ -1,4 +1,4 @@
-"""Where tasks come from: finite sets and endless samplers, split into train and test; knows no environment.
+"""Draws tasks from finite sets and endless samplers, split into train and test; knows no environment.
 
 A task is a float32 vector of shape ``(dim,)``. Every distribution states the Box that its tasks live in
 (``space``) and draws a task from a generator that the caller owns (``draw``).
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -21,14 +20,14 @@ Sample: TypeAlias = Callable[[np.random.Generator], ArrayLike]
 
 
 class TaskSet:
-    """A finite set of tasks per split, drawn uniformly.
+    """Draws tasks uniformly from a finite set per split.
 
     Args:
         train: the training tasks, ``(n, dim)``.
         test: the test tasks, ``(m, dim)``; without them the training tasks serve both splits.
         space: a one-dimensional Box that holds every task; without it, the bounding box of both splits.
         train_box: the Box that the training tasks were drawn from; without it, their bounding box. Test tasks
-            outside it ask for extrapolation, see ``inside_train_box``.
+            outside it are extrapolation, see ``inside_train_box``.
 
     Raises:
         ValueError: if the tasks are empty, ragged, not finite, of different dimensions or outside ``space``, or a
@@ -65,7 +64,7 @@ class TaskSet:
             raise ValueError(f"train_box={train_box} does not hold every training task: widen it to {bounds}.")
 
     def inside_train_box(self, tasks: ArrayLike) -> NDArray[np.bool_]:
-        """Which of ``tasks`` ``(n, dim)`` lie in the box of the training tasks, bounds included, ``(n,)``.
+        """Say which of ``tasks``, ``(n, dim)``, lie in the box of the training tasks, bounds included, ``(n,)``.
 
         Raises:
             ValueError: if ``tasks`` is no array of shape ``(n, dim)``.
@@ -76,23 +75,23 @@ class TaskSet:
         """
         array, (dim,) = np.asarray(tasks, dtype=np.float32), self.space.shape
         if array.ndim != 2 or array.shape[1] != dim:
-            raise ValueError(f"tasks has shape {array.shape}: give (n, {dim}).")
+            raise ValueError(f"tasks have shape {array.shape}: give (n, {dim}).")
         inside: NDArray[np.bool_] = np.all((self.train_box.low <= array) & (array <= self.train_box.high), axis=1)
         return inside
 
     def tasks(self, split: Split = "train") -> NDArray[np.float32]:
-        """All tasks of a split, ``(n, dim)``, in the given order; read-only."""
+        """Return all tasks of a split, ``(n, dim)``, in the given order; read-only."""
         check_split(split)
         return self._train if split == "train" else self._test
 
     def draw(self, rng: np.random.Generator, split: Split = "train") -> Task:
-        """One task of the split, ``(dim,)``, each as likely as the others."""
+        """Draw a task of the split, ``(dim,)``, each as likely as the others."""
         tasks = self.tasks(split)
         task: Task = tasks[rng.integers(len(tasks))].copy()
         return task
 
     def __eq__(self, other: object) -> bool:
-        """Equal in both splits and the boxes: rebuilding an environment from its spec compares the tasks."""
+        """Compare both splits and the boxes; rebuilding an environment from its spec compares the tasks."""
         if not isinstance(other, TaskSet):
             return NotImplemented
         same_train = np.array_equal(self._train, other._train) and self.train_box == other.train_box
@@ -107,7 +106,7 @@ class TaskSet:
 
 @dataclass(frozen=True)
 class TaskSampler:
-    """An endless distribution of tasks: a function from a generator to a task.
+    """Draws tasks endlessly, by a function from a generator to a task.
 
     Args:
         sample: draws one training task, ``(dim,)``, from the generator that it is given.
@@ -129,7 +128,7 @@ class TaskSampler:
         object.__setattr__(self, "space", _task_box(self.space))
 
     def draw(self, rng: np.random.Generator, split: Split = "train") -> Task:
-        """One task of the split, ``(dim,)``.
+        """Draw a task of the split, ``(dim,)``.
 
         Raises:
             ValueError: if the function gives a task outside ``space``.
@@ -143,7 +142,7 @@ TaskDistribution: TypeAlias = TaskSet | TaskSampler
 
 
 def as_task_distribution(tasks: Any, space: Box | None = None) -> TaskDistribution:
-    """The distribution that ``tasks`` describes.
+    """Return the distribution that ``tasks`` describes.
 
     Args:
         tasks: None (the one constant task ``[0]``), an array-like ``(n, dim)``, a callable that draws a task
@@ -161,7 +160,7 @@ def as_task_distribution(tasks: Any, space: Box | None = None) -> TaskDistributi
         return tasks if space is None else replace(tasks, space=space)
     if callable(tasks):
         if space is None:
-            raise ValueError(f"tasks is a callable, {tasks!r}: give task_space too, a Box of all it draws.")
+            raise ValueError(f"tasks={tasks!r} is a callable without a space: give task_space too, or a TaskSampler.")
         return TaskSampler(tasks, space)
     return TaskSet([[0.0]] if tasks is None else tasks, space=space)
 
@@ -173,7 +172,7 @@ def check_split(split: str) -> None:
 
 
 def check_task(task: ArrayLike, space: Box, name: str) -> Task:
-    """``task`` as a new float32 vector ``(dim,)`` of ``space``.
+    """Return ``task`` as a new float32 vector ``(dim,)`` of ``space``.
 
     Raises:
         ValueError: if its shape is not that of the space, or a value is not finite or outside the bounds.
@@ -190,7 +189,7 @@ def check_task(task: ArrayLike, space: Box, name: str) -> Task:
 
 
 def _task_matrix(tasks: ArrayLike, name: str) -> NDArray[np.float32]:
-    """``tasks`` as a read-only float32 array ``(n, dim)``, or a ValueError that names the argument."""
+    """Return ``tasks`` as a read-only float32 array, ``(n, dim)``; a ValueError names the argument."""
     try:
         matrix = np.array(tasks, dtype=np.float32)
     except (TypeError, ValueError) as error:
@@ -208,76 +207,7 @@ def _task_matrix(tasks: ArrayLike, name: str) -> NDArray[np.float32]:
 
 
 def _task_box(space: Box) -> Box:
-    """``space`` with float32 bounds, or a ValueError when it is not a one-dimensional Box."""
+    """Return ``space`` with float32 bounds; a ValueError refuses all but a one-dimensional Box."""
     if not isinstance(space, Box) or len(space.shape) != 1:
-        raise ValueError(f"the task space is {space!r}: give a Box of shape (dim,).")
+        raise ValueError(f"the task space {space!r} is no vector space: give a Box of shape (dim,).")
     return Box(space.low.astype(np.float32), space.high.astype(np.float32))
-
-
-CHEETAH_DIR_TASKS = TaskSet([[1.0, 0.0], [0.0, 1.0]])
-"""One-hot directions: index 0 is backward (-1), index 1 forward (+1); train and test are the same."""
-
-_VELOCITIES = np.random.RandomState(1337).uniform(0.0, 3.0, 130).round(4).reshape(-1, 1)
-
-CHEETAH_VEL_TASKS = TaskSet(_VELOCITIES[:100], _VELOCITIES[100:], space=Box(0.0, 3.0, (1,)))
-"""Target velocities in m/s, those of the BrunoSAC paper: 100 to train, 30 to test."""
-
-_MASSES, _LENGTHS = [0.5, 1.0, 1.5, 2.0, 2.5], [0.25, 0.5, 0.75]  # kg, m
-_TEST_MASSES, _TEST_LENGTHS = [0.1, 0.25, 0.75, 1.75, 2.25, 3.0], [0.1, 0.2, 0.4, 0.6, 0.9, 0.98]  # kg, m
-
-CARTPOLE_TASKS = TaskSet(list(product(_MASSES, _LENGTHS)), list(product(_TEST_MASSES, _TEST_LENGTHS)))
-"""The cart's mass in kg and the pole's length in m: 15 to train, 36 to test, of which 6 lie inside the train box."""
-
-# Exponents of 2. Motors stronger than the model's on joints damped less make MuJoCo's integrator diverge: at
-# strength 2, damping 1/2 within seconds.
-_LOW, _HIGH = np.array([-1.0, -1.0, -1.0, -1.0]), np.array([1.0, 1.0, 1.0, 0.0])
-_MARGIN = (_HIGH - _LOW) / 4.0
-
-
-def _bodies(seed: int, n: int, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Log-uniform factors, the motors turned round in one body of two, ``(n, 4)``."""
-    rng = np.random.RandomState(seed)
-    factors = 2.0 ** rng.uniform(low, high, (n, 4))
-    factors[:, 3] *= rng.choice([-1.0, 1.0], n)
-    return factors
-
-
-def _bodies_box(low: NDArray[np.float64], high: NDArray[np.float64]) -> Box:
-    """All of them: mass, damping and friction from their least on, strength either way round."""
-    least = np.append(2.0 ** low[:3], -(2.0 ** high[3]))
-    return Box(least.astype(np.float32), (2.0**high).astype(np.float32))
-
-
-_TRAIN_BODIES = _bodies_box(_LOW, _HIGH)
-_WITHIN = _bodies(1337, 120, _LOW, _HIGH)
-_AROUND = _bodies(1338, 60, _LOW - _MARGIN, _HIGH + _MARGIN)
-_BEYOND = [body for body in _AROUND if not _TRAIN_BODIES.contains(body.astype(np.float32))][:20]
-
-CHEETAH_PARAMS_TASKS = TaskSet(
-    _WITHIN[:100],
-    np.concatenate([_WITHIN[100:], _BEYOND]),
-    space=_bodies_box(_LOW - _MARGIN, _HIGH + _MARGIN),
-    train_box=_TRAIN_BODIES,
-)
-"""Factors of mass, damping, friction and strength: 100 to train, 40 to test.
-
-The training tasks and the first 20 test tasks are log-uniform in [1/2, 2], strength in [1/2, 1], in one body of two
-negative: motors turned round. The last 20 test tasks are log-uniform in a range half as wide again, [0.354, 2.828] and
-[0.420, 1.189], each outside the box of the former in at least one factor. Where no motor is turned round, a policy that
-does not know the body does as well as one that does, also in ranges twice as wide (docs/results.md).
-"""
-
-POINT_DIR_TASKS = TaskSet([[-1.0, 0.0], [1.0, 0.0]], space=Box(-1.0, 1.0, (2,)))
-"""Left and right, as unit vectors in the plane; train and test are the same. ``tasks`` may name others."""
-
-_HALF_DISC = Box(np.array([-1.0, 0.0], np.float32), np.array([1.0, 1.0], np.float32))
-
-
-def _goals(n: int) -> NDArray[np.float64]:
-    """The middles of so many equal arcs of the upper half of the unit circle, ``(n, 2)``."""
-    angles = (np.arange(n) + 0.5) * np.pi / n  # rad
-    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
-
-
-SPARSE_POINT_GOAL_TASKS = TaskSet(_goals(40), _goals(20), space=_HALF_DISC)
-"""Goals all along the upper half of the unit circle: 40 to train, and 20 in between to test."""

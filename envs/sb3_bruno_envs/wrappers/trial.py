@@ -1,4 +1,4 @@
-"""The wrapper that joins several episodes of one task into a trial; knows no task and no observation format."""
+"""Joins several episodes of a task into a trial; knows no task and no observation format."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from gymnasium.utils import RecordConstructorArgs
 
 
 class Trial(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
-    """Makes one episode, the trial, of ``n_episodes`` inner episodes, so that what is learned in one serves the next.
+    """Joins ``n_episodes`` inner episodes into an episode, the trial, so that each can use what earlier ones learned.
 
-    When an inner episode that is not the last ends, terminated or truncated, the environment is reset at once and
-    without a seed: the step returns the next inner episode's first observation and neither flag, and
-    ``info["final_observation"]`` holds a copy of the observation at which the ended one stopped. The trial ends as
-    its last inner episode does. ``info["episode_index"]``, in 0 .. ``n_episodes - 1``, names the inner episode that
-    a reset began or that a step belongs to, its last one included.
+    When an inner episode ends, terminated or truncated, and is not the last, the environment is reset at once and
+    without a seed. The step returns the first observation of the next inner episode and neither flag, and
+    ``info["final_observation"]`` holds a copy of the observation at which the ended episode stopped. The trial ends as
+    its last inner episode ends. ``info["episode_index"]``, in 0 .. ``n_episodes - 1``, names the inner episode that a
+    reset began or that a step belongs to; the last step of an inner episode still belongs to it.
 
-    MetaTask goes around it, so that all inner episodes share a task, and the time limit of an inner episode inside.
+    Wrap MetaTask around the trial, so that all inner episodes share a task, and put the time limit of an inner episode
+    inside.
 
     Args:
         env: an environment whose episodes end.

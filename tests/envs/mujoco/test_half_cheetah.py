@@ -7,8 +7,9 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.spaces import Box
 
-from sb3_bruno_envs import CheetahDirEnv, CheetahVelEnv, MetaHalfCheetahEnv
+from sb3_bruno_envs import CHEETAH_DIR_TASKS, CHEETAH_VEL_TASKS, CheetahDirEnv, CheetahVelEnv, MetaHalfCheetahEnv
 
 pytestmark = pytest.mark.mujoco
 
@@ -150,3 +151,13 @@ def test_the_camera_follows_the_cheetah(monkeypatch):
 
     assert skin() > 0.01
     assert skin(camera_id=-1) < 1e-4  # the free camera stays where it is
+
+
+def test_the_cheetahs_tasks_are_the_papers():
+    assert CHEETAH_DIR_TASKS.tasks("train").tolist() == [[1.0, 0.0], [0.0, 1.0]]
+    assert CHEETAH_DIR_TASKS.tasks("test").tolist() == [[1.0, 0.0], [0.0, 1.0]]
+    train, test = CHEETAH_VEL_TASKS.tasks("train"), CHEETAH_VEL_TASKS.tasks("test")
+    assert (train.shape, test.shape) == ((100, 1), (30, 1))
+    np.testing.assert_array_equal(train[:3, 0], np.float32([0.7861, 0.4761, 0.8344]))  # m/s
+    np.testing.assert_array_equal(test[:3, 0], np.float32([2.051, 0.0831, 0.7015]))
+    assert CHEETAH_VEL_TASKS.space == Box(0.0, 3.0, (1,))

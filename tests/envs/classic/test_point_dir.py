@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sb3_bruno_envs import PointDirEnv
+from sb3_bruno_envs import POINT_DIR_TASKS, PointDirEnv
 
 COORDINATE = st.floats(-2.0, 2.0, width=32)
 
@@ -75,3 +75,9 @@ def test_a_pickled_copy_continues_the_episode():
     copy = pickle.loads(pickle.dumps(env))
     np.testing.assert_array_equal(copy.step(np.ones(2))[0], env.step(np.ones(2))[0])
     np.testing.assert_array_equal(copy.reset()[0], env.reset()[0])
+
+
+def test_the_points_directions_are_opposite_unit_vectors_in_both_splits():
+    train, test = POINT_DIR_TASKS.tasks("train"), POINT_DIR_TASKS.tasks("test")
+    np.testing.assert_array_equal(train, [[-1, 0], [1, 0]])
+    np.testing.assert_array_equal(test, train)

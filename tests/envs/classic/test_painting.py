@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sb3_bruno_envs.painting import BLUE, blank_image, paint
+from sb3_bruno_envs.classic.painting import BLUE, blank_image, paint
 
 
 def painted(point, **kwargs):

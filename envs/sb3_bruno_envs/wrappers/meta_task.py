@@ -1,4 +1,4 @@
-"""The wrapper that gives an environment its hidden task, episode by episode; knows no observation format."""
+"""Gives an environment a hidden task in every episode; knows no observation format."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         tasks: a TaskSet, a TaskSampler, an array-like ``(n, dim)``, a callable that draws a task from a
             generator, or None: the one constant task ``[0]``.
         split: ``"train"`` or ``"test"``.
-        draw: ``"random"``; ``"cycle"``, in order from the first; or ``"fixed"``, the first one drawn or the
-            last one given by options, kept from then on. A reset with a seed starts each of them anew.
+        draw: ``"random"``; ``"cycle"``, in order from the first; or ``"fixed"``, which keeps the first task that is
+            drawn, or the last that options gave. A reset with a seed starts each of these anew.
         task_space: the Box that holds every task, also those given by options; None is that of ``tasks``.
 
     Raises:
-        ValueError: if an argument is invalid, endless tasks shall cycle, or a task is outside ``task_space``.
+        ValueError: if an argument is invalid, endless tasks should cycle, or a task is outside ``task_space``.
 
     Example:
         >>> def set_gravity(pendulum, task):
@@ -89,17 +89,17 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     @property
     def task_space(self) -> Box:
-        """The Box that holds every task, float32, ``(dim,)``."""
+        """Return the Box that holds every task, float32, ``(dim,)``."""
         return self._distribution.space
 
     @property
     def task_distribution(self) -> TaskDistribution:
-        """Where the tasks of both splits come from."""
+        """Return the distribution that the tasks of both splits come from."""
         return self._distribution
 
     @property
     def task(self) -> Task:
-        """The task of the current episode, ``(dim,)``.
+        """Return the task of the current episode, ``(dim,)``.
 
         Raises:
             ResetNeeded: before the first reset.
@@ -150,7 +150,7 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return self._distribution.draw(self._rng, self._split)
 
     def _index_of(self, task: Task) -> int:
-        """The first row of the split's finite set that equals ``task``, or -1."""
+        """Return the first row of the split's finite set that equals ``task``, or -1."""
         if not isinstance(self._distribution, TaskSet):
             return -1
         rows = np.flatnonzero((self._distribution.tasks(self._split) == task).all(axis=1))

@@ -1,8 +1,9 @@
-"""A pole on a cart that should be swung up: the cart's mass and the pole's length are hidden. NumPy alone."""
+"""Simulates a pole on a cart, which should be swung up; the cart's mass and the pole's length are hidden."""
 
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Any
 
 import gymnasium as gym
@@ -10,10 +11,12 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
-from sb3_bruno_envs.painting import BLUE, GREEN, GREY, blank_image, paint
+from sb3_bruno_envs.classic.painting import BLUE, GREEN, GREY, blank_image, paint
+from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.tasks import TaskSet
 
 _DT = 0.01  # s
-_GRAVITY = 9.82  # m/s^2, as Deisenroth has it
+_GRAVITY = 9.82  # m/s^2, Deisenroth's value
 _POLE_MASS = 0.5  # kg
 _FRICTION = 0.1  # N s/m, between cart and track
 _MAX_FORCE = 10.0  # N
@@ -23,7 +26,7 @@ _PIXELS_PER_METRE = 25.0  # shows 2.56 m to either side
 
 
 class CartpoleSwingUpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """Swing up and balance: reward ``(cos th + 1) / 2 * cos(pi x / 4.8)`` of the state that is reached.
+    """Rewards an upright pole in the middle of the track: ``(cos th + 1) / 2 * cos(pi x / 4.8)`` after the step.
 
     The pole is a uniform rod of mass m = 0.5 kg and length l, turning without friction on a cart of mass M. The cart
     is at x (m); the pole's angle is th (rad), 0 upright and pi hanging, positive counterclockwise, so that the
@@ -37,9 +40,9 @@ class CartpoleSwingUpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         th'' = 3 / (2 l) (g sin th + cos th x'')
 
     This is the cart-pole of Deisenroth, *Efficient Reinforcement Learning using Gaussian Processes* (2010),
-    appendix C, who counts the angle from hanging. Explicit Euler steps of 0.01 s integrate them and feed
-    energy to fast swings: unforced ones of 0.1 rad grow to 1.5 rad within 200 steps at M = 0.1 kg, l = 0.1 m, to
-    0.24 rad at 0.5 kg, 0.25 m.
+    appendix C, who counts the angle from hanging. Explicit Euler steps of 0.01 s integrate the equations and feed
+    energy to fast swings: without a force, a swing of 0.1 rad grows within 200 steps to 1.5 rad at M = 0.1 kg,
+    l = 0.1 m, and to 0.24 rad at 0.5 kg, 0.25 m.
 
     The observation is ``(x, x', cos th, sin th, th')``, ``(5,)``. The action ``(1,)``, clipped to [-1, 1], is the force
     in units of 10 N. An episode starts with x, x', th - pi and th' from N(0, 0.2^2), and terminates when
@@ -69,7 +72,7 @@ class CartpoleSwingUpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Set the cart's mass and the pole's length from a task ``(2,)``, in kg and m.
 
         Raises:
-            ValueError: if one of them is not positive.
+            ValueError: if mass or length is not positive.
         """
         mass, length = np.asarray(task, dtype=np.float64).tolist()
         if mass <= 0.0 or length <= 0.0:
@@ -77,7 +80,7 @@ class CartpoleSwingUpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.mass, self.length = mass, length
 
     def accelerations(self, force: float) -> tuple[float, float]:
-        """The cart's (m/s^2) and the pole's (rad/s^2) in the present state, under ``force`` (N)."""
+        """Return the accelerations of cart (m/s^2) and pole (rad/s^2) under ``force`` (N)."""
         _, velocity, angle, spin = self.state
         sin, cos = math.sin(angle), math.cos(angle)
         pull = -2.0 * self.length * sin * spin**2 + 3.0 * _GRAVITY * sin * cos  # of the pole, m/s^2
@@ -105,7 +108,7 @@ class CartpoleSwingUpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._observation(), reward, abs(x) > _MAX_X, False, {}
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The image ``(128, 128, 3)``, or None without a render mode."""
+        """Return the image, ``(128, 128, 3)``, or None without a render mode."""
         if self.render_mode is None:
             return None
         image, (x, _, angle, _) = blank_image(), self.state
@@ -119,3 +122,12 @@ class CartpoleSwingUpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _observation(self) -> NDArray[np.float32]:
         x, velocity, angle, spin = self.state
         return np.array([x, velocity, math.cos(angle), math.sin(angle), spin], dtype=np.float32)
+
+
+_MASSES, _LENGTHS = [0.5, 1.0, 1.5, 2.0, 2.5], [0.25, 0.5, 0.75]  # kg, m
+_TEST_MASSES, _TEST_LENGTHS = [0.1, 0.25, 0.75, 1.75, 2.25, 3.0], [0.1, 0.2, 0.4, 0.6, 0.9, 0.98]  # kg, m
+
+CARTPOLE_TASKS = TaskSet(list(product(_MASSES, _LENGTHS)), list(product(_TEST_MASSES, _TEST_LENGTHS)))
+"""The cart's mass in kg and the pole's length in m: 15 to train, 36 to test, of which 6 lie inside the train box."""
+
+CARTPOLE_SWING_UP = Family(CartpoleSwingUpEnv, CARTPOLE_TASKS, max_episode_steps=200)

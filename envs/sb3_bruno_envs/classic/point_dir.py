@@ -1,19 +1,22 @@
-"""A point in the plane that should move in a hidden direction: a toy in NumPy alone, learned in seconds."""
+"""Moves a point in the plane, which should go in a hidden direction: a toy that is learned in seconds."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
-from sb3_bruno_envs.point import PointEnv
+from sb3_bruno_envs.classic.point import PointEnv
+from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.tasks import TaskSet
 
 _ACTION_COST = 0.05
 
 
 class PointDirEnv(PointEnv):
-    """Move in the hidden direction: reward ``direction . action - 0.05 |action|^2``.
+    """Rewards motion in the hidden direction: ``direction . action - 0.05 |action|^2``.
 
     The observation is the position ``(2,)``, the action the velocity ``(2,)`` in [-1, 1], 0.1 s per step. The
     point starts near the origin; an episode never terminates.
@@ -44,9 +47,15 @@ class PointDirEnv(PointEnv):
         return self.position(), float(reward), False, False, {}
 
     def task_points(self) -> NDArray[np.float64]:
-        """An arrow from the origin."""
+        """Return an arrow from the origin, ``(60, 2)``."""
         tip = self.direction
         shaft = np.linspace(0.0, 1.0, 40)[:, None] * tip
         back, side = -tip, np.array([-tip[1], tip[0]])
         barb = np.linspace(0.0, 0.25, 10)[:, None]
         return np.concatenate([shaft, tip + barb * (back + side), tip + barb * (back - side)])
+
+
+POINT_DIR_TASKS = TaskSet([[-1.0, 0.0], [1.0, 0.0]], space=Box(-1.0, 1.0, (2,)))
+"""Left and right, as unit vectors in the plane; train and test are the same. ``tasks`` may name others."""
+
+POINT_DIR = Family(PointDirEnv, POINT_DIR_TASKS, max_episode_steps=30)

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from gymnasium.envs.mujoco.half_cheetah_v5 import HalfCheetahEnv
+from gymnasium.spaces import Box
 
 from sb3_bruno_envs import CHEETAH_PARAMS_TASKS, CheetahDirEnv, CheetahParamsEnv
 
@@ -92,8 +93,8 @@ def test_factors_of_one_are_the_untouched_model_to_the_bit_after_any_other():
     for name, expected in model_arrays(untouched.model).items():
         np.testing.assert_array_equal(mine[name], expected, err_msg=name)
     np.testing.assert_array_equal(env.reset(seed=5)[0], untouched.reset(seed=5)[0])
-    for one, other in zip(rollout(env, actions()), rollout(untouched, actions()), strict=True):
-        np.testing.assert_array_equal(one, other)
+    for mine, others in zip(rollout(env, actions()), rollout(untouched, actions()), strict=True):
+        np.testing.assert_array_equal(mine, others)
 
 
 def test_a_task_set_again_in_mid_episode_changes_nothing():
@@ -158,3 +159,18 @@ def test_the_simulation_is_stable_in_every_task(split):
 def test_an_impossible_task_is_refused(task):
     with pytest.raises(ValueError, match="is invalid: give four finite factors"):
         CheetahParamsEnv().set_task(task)
+
+
+def test_the_cheetahs_bodies_lie_in_their_ranges():
+    train, test = CHEETAH_PARAMS_TASKS.tasks("train"), CHEETAH_PARAMS_TASKS.tasks("test")
+    assert (train.shape, test.shape) == ((100, 4), (40, 4))
+    assert CHEETAH_PARAMS_TASKS.inside_train_box(test).tolist() == [True] * 20 + [False] * 20
+    assert CHEETAH_PARAMS_TASKS.train_box == Box(np.float32([0.5, 0.5, 0.5, -1.0]), np.float32([2.0, 2.0, 2.0, 1.0]))
+    log2 = np.log2(np.abs(train))
+    np.testing.assert_allclose(log2.mean(axis=0), [0.0, 0.0, 0.0, -0.5], atol=0.15)  # 2.6 standard errors, fixed seed
+    np.testing.assert_allclose(log2.std(axis=0), np.array([2.0, 2.0, 2.0, 1.0]) / np.sqrt(12.0), rtol=0.15)
+    for split in (train, test[:20], test[20:]):  # about one body of two has its motors turned round
+        assert 0.3 < (split[:, 3] < 0).mean() < 0.7
+    strange = np.abs(test[20:])
+    assert ((strange < [0.5, 0.5, 0.5, 0.0]) | (strange > [2.0, 2.0, 2.0, 1.0])).any(axis=0).all()  # in each factor
+    assert len(np.unique(np.concatenate([train, test]), axis=0)) == 140

@@ -1,4 +1,4 @@
-"""A point that moves in the plane, and its picture; what it should do there is for others to say. NumPy alone."""
+"""Moves a point in the plane and paints it; subclasses say what it should do there."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from sb3_bruno_envs.painting import BLUE, GREEN, GREY, blank_image, paint
+from sb3_bruno_envs.classic.painting import BLUE, GREEN, GREY, blank_image, paint
 
 
 class PointEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]], ABC):
-    """Observes the position ``(2,)``; the action is the velocity ``(2,)``, clipped to [-1, 1].
+    """Shows the position ``(2,)`` and takes the velocity ``(2,)``, clipped to [-1, 1], as the action.
 
     A subclass says where the point starts and how far it moves, what a step earns, and what to paint of the task.
 
@@ -48,21 +48,21 @@ class PointEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]], ABC):
         return self.position(), {}
 
     def move(self, action: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Move for one step; returns the velocity, ``(2,)``."""
+        """Move for a step and return the velocity, ``(2,)``."""
         velocity = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
         self.trail.append(self.trail[-1] + self.distance_per_step * velocity)
         return velocity
 
     def position(self) -> NDArray[np.float32]:
-        """Where the point is, ``(2,)``."""
+        """Return the position of the point, ``(2,)``."""
         return self.trail[-1].astype(np.float32)
 
     @abstractmethod
     def task_points(self) -> NDArray[np.float64]:
-        """Points ``(n, 2)`` that show the task."""
+        """Return points that show the task, ``(n, 2)``."""
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The image ``(128, 128, 3)``, or None without a render mode."""
+        """Return the image, ``(128, 128, 3)``, or None without a render mode."""
         if self.render_mode is None:
             return None
         image = blank_image()

@@ -1,26 +1,29 @@
-"""A point in the plane that is paid only near a hidden goal: what one episode finds out serves the next."""
+"""Pays a point in the plane only near a hidden goal, so that what an episode finds out serves the next."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
-from sb3_bruno_envs.point import PointEnv
+from sb3_bruno_envs.classic.point import PointEnv
+from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.tasks import TaskSet
 
 EPISODE_STEPS = 20  # just enough to sweep the half circle of goals once
 GOAL_RADIUS = 0.5  # around the goal, where rewards are paid
 
 
 class SparsePointGoalEnv(PointEnv):
-    """Find the hidden goal: reward ``1 - distance`` within 0.5 of it, else 0.
+    """Rewards the point near the hidden goal: ``1 - distance`` within 0.5 of it, else 0.
 
     The observation is the position ``(2,)``, the action the velocity ``(2,)`` in [-1, 1]; at 1 the point moves by
-    0.15 per step. It starts near the origin; an episode is truncated after 20 steps and never terminates. With a
-    goal on the unit circle's upper half, a sweep of that half finds it within one episode and earns 0.6 of
-    what a point does that knows the goal from the start. After the sparse-reward point robot of Rakelly et al.,
-    *Efficient Off-Policy Meta-Reinforcement Learning via Probabilistic Context Variables* (2019), which is slower.
+    0.15 per step. It starts near the origin; an episode is truncated after 20 steps and never terminates. If the goal
+    is on the upper half of the unit circle, a sweep of that half finds it within one episode, and earns 0.6 of what a
+    point earns that knows the goal from the start. Rakelly et al. have a slower point with sparse rewards: *Efficient
+    Off-Policy Meta-Reinforcement Learning via Probabilistic Context Variables* (2019).
 
     Args:
         render_mode: None, or ``"rgb_array"``; the goal and where it pays are green.
@@ -49,7 +52,22 @@ class SparsePointGoalEnv(PointEnv):
         return self.position(), reward, False, len(self.trail) > EPISODE_STEPS, {}
 
     def task_points(self) -> NDArray[np.float64]:
-        """A circle around the goal, and the goal."""
+        """Return a circle around the goal, and the goal, ``(101, 2)``."""
         angles = np.linspace(0.0, 2.0 * np.pi, 100)
         circle = self.goal + GOAL_RADIUS * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         return np.concatenate([circle, self.goal[None]])
+
+
+_HALF_DISC = Box(np.array([-1.0, 0.0], np.float32), np.array([1.0, 1.0], np.float32))
+
+
+def _goals(n: int) -> NDArray[np.float64]:
+    """Return the middles of ``n`` equal arcs of the upper half of the unit circle, ``(n, 2)``."""
+    angles = (np.arange(n) + 0.5) * np.pi / n  # rad
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+SPARSE_POINT_GOAL_TASKS = TaskSet(_goals(40), _goals(20), space=_HALF_DISC)
+"""Goals all along the upper half of the unit circle: 40 to train, and 20 in between to test."""
+
+SPARSE_POINT_GOAL = Family(SparsePointGoalEnv, SPARSE_POINT_GOAL_TASKS, n_episodes=3)

@@ -1,4 +1,4 @@
-"""What an agent that infers the task sees, and what an oracle sees; knows no particular environment."""
+"""Shows the last transition to an agent that infers the task, or the task to an oracle; knows no environment."""
 
 from __future__ import annotations
 
@@ -63,12 +63,12 @@ class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorAr
     def step(self, action: Any) -> tuple[dict[str, NDArray[np.float32]], SupportsFloat, bool, bool, dict[str, Any]]:
         """Step the environment and show the action and the reward of this step."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        begins = float("final_observation" in info)  # Trial's word for it
+        begins = float("final_observation" in info)  # Trial marks an inner start so
         seen = _transition(observation, self._scale(action), float(reward), episode_start=begins)
         return seen, reward, terminated, truncated, info
 
     def _scale(self, action: ArrayLike) -> ArrayLike:
-        """``action`` clipped into its bounds and mapped linearly onto [-1, 1], flat, ``(action_dim,)``."""
+        """Clip ``action`` into its bounds and map it linearly onto [-1, 1], flat, ``(action_dim,)``."""
         clipped = np.minimum(np.maximum(np.ravel(action), self._action_low), self._action_high)
         scaled: ArrayLike = self._per_unit * (clipped - self._action_low) - 1.0
         return scaled
@@ -112,7 +112,7 @@ class TaskObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 def _transition(
     observation: ArrayLike, action: ArrayLike, reward: float, episode_start: float
 ) -> dict[str, NDArray[np.float32]]:
-    """The four entries as new float32 arrays."""
+    """Return the four entries as new float32 arrays."""
     return {
         "action": np.array(action, dtype=np.float32),
         "episode_start": np.array([episode_start], dtype=np.float32),
@@ -126,19 +126,19 @@ def _with_task(observation: ArrayLike, info: dict[str, Any]) -> NDArray[np.float
 
 
 def _float32_box(space: gym.Space[Any]) -> Box:
-    """The observation space ``space`` with float32 bounds, if a vector network can read it."""
+    """Return the observation space with float32 bounds, if a vector network can read it."""
     if not isinstance(space, Box):
-        raise ValueError(f"the observation space is {space}: make it a Box, say with FlattenObservation.")
+        raise ValueError(f"observation_space={space} is no Box: make it one, for example with FlattenObservation.")
     if space.dtype == np.uint8 and len(space.shape) > 1:
-        raise ValueError(f"the observation space is {space}, an image: encode it as a float vector first.")
+        raise ValueError(f"observation_space={space} is an image: encode it as a float vector first.")
     with np.errstate(over="ignore"):  # float64 bounds beyond float32 become infinite, as they should
         return Box(space.low.astype(np.float32), space.high.astype(np.float32))
 
 
 def _bounded_actions(space: gym.Space[Any]) -> Box:
-    """The action space ``space`` with float32 bounds, if actions can be scaled from it."""
+    """Return the action space with float32 bounds, if actions can be scaled from it."""
     if not isinstance(space, Box):
-        raise ValueError(f"the action space is {space}: make it a Box, only continuous actions are supported.")
+        raise ValueError(f"action_space={space} is no Box: make it one, only continuous actions are supported.")
     if not space.is_bounded() or not (space.low < space.high).all():
-        raise ValueError(f"the action space is {space}: bound every action, with low < high.")
+        raise ValueError(f"action_space={space} has open or empty bounds: bound every action, with low < high.")
     return Box(space.low.astype(np.float32), space.high.astype(np.float32))

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sb3_bruno_envs import CARTPOLE_TASKS, CartpoleSwingUpEnv, cartpole
+from sb3_bruno_envs import CARTPOLE_TASKS, CartpoleSwingUpEnv
+from sb3_bruno_envs.classic import cartpole
 
 MASSES, LENGTHS = st.floats(0.1, 3.0), st.floats(0.1, 1.0)  # kg, m
 STATES = st.tuples(st.floats(-2, 2), st.floats(-5, 5), st.floats(-7, 7), st.floats(-15, 15))
@@ -89,10 +90,10 @@ def test_energy_comes_from_the_force_and_goes_into_friction(monkeypatch, frictio
 
 @given(mass=MASSES, length=LENGTHS, state=STATES)
 def test_left_and_right_are_mirror_images(mass, length, state):
-    one, other = cart_pole(mass, length, state), cart_pole(mass, length, tuple(-value for value in state))
-    (_, reward, *_), (_, mirrored, *_) = one.step(np.float32([0.7])), other.step(np.float32([-0.7]))
-    assert one.state == tuple(-value for value in other.state)
-    assert reward == mirrored
+    env, mirrored = cart_pole(mass, length, state), cart_pole(mass, length, tuple(-value for value in state))
+    (_, reward, *_), (_, mirrored_reward, *_) = env.step(np.float32([0.7])), mirrored.step(np.float32([-0.7]))
+    assert env.state == tuple(-value for value in mirrored.state)
+    assert reward == mirrored_reward
 
 
 def test_the_pole_hangs_stably_and_stands_unstably():
@@ -130,8 +131,8 @@ def test_it_terminates_beyond_the_track_alone(x, terminated):
 
 @pytest.mark.parametrize(("action", "clipped"), [(5.0, 1.0), (-5.0, -1.0)])
 def test_the_action_is_clipped(action, clipped):
-    one, other = cart_pole(1.0, 0.5), cart_pole(1.0, 0.5)
-    np.testing.assert_array_equal(one.step(np.float32([action]))[0], other.step(np.float32([clipped]))[0])
+    env, within = cart_pole(1.0, 0.5), cart_pole(1.0, 0.5)
+    np.testing.assert_array_equal(env.step(np.float32([action]))[0], within.step(np.float32([clipped]))[0])
 
 
 def test_it_starts_hanging_with_a_spread_that_the_seed_decides():
@@ -202,3 +203,15 @@ def test_a_pickled_copy_continues_the_episode_of_its_task():
     np.testing.assert_array_equal(copy.step(np.ones(1))[0], env.step(np.ones(1))[0])
     np.testing.assert_array_equal(copy.reset()[0], env.reset()[0])
     np.testing.assert_array_equal(copy.get_wrapper_attr("task"), env.get_wrapper_attr("task"))
+
+
+def test_the_cart_poles_tasks_are_two_grids():
+    train, test = CARTPOLE_TASKS.tasks("train"), CARTPOLE_TASKS.tasks("test")
+    assert train.tolist() == [[mass, length] for mass in (0.5, 1.0, 1.5, 2.0, 2.5) for length in (0.25, 0.5, 0.75)]
+    masses, lengths = np.float32([0.1, 0.25, 0.75, 1.75, 2.25, 3.0]), np.float32([0.1, 0.2, 0.4, 0.6, 0.9, 0.98])
+    np.testing.assert_array_equal(test, [[mass, length] for mass in masses for length in lengths])
+    inside = test[CARTPOLE_TASKS.inside_train_box(test)]
+    np.testing.assert_array_equal(
+        inside, [[m, length] for m in (0.75, 1.75, 2.25) for length in np.float32([0.4, 0.6])]
+    )
+    assert all(task in CARTPOLE_TASKS.space for task in (*train, *test))

@@ -1,4 +1,4 @@
-"""Square images of points in the plane, painted without a graphics library; knows no environment."""
+"""Paints square images of points in the plane, without a graphics library; knows no environment."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _PIXELS = 128  # height and width of an image
 
 
 def blank_image() -> NDArray[np.uint8]:
-    """A white image ``(128, 128, 3)``."""
+    """Return a white image, ``(128, 128, 3)``."""
     return np.full((_PIXELS, _PIXELS, 3), 255, dtype=np.uint8)
 
 
 def paint(
     image: NDArray[np.uint8], points: NDArray[np.float64], colour: Colour, *, pixels_per_unit: float, radius: int = 0
 ) -> None:
-    """Paint a square of ``2 * radius + 1`` pixels at each point ``(n, 2)``; the border holds the others.
+    """Paint a square of ``2 * radius + 1`` pixels at each point, ``(n, 2)``.
 
-    The origin is in the middle of the image, x points right and y up.
+    The origin is in the middle of the image, x points right and y up. Points outside are painted on the border.
     """
     columns, rows = (_PIXELS / 2 + pixels_per_unit * points * (1.0, -1.0)).astype(int).T  # y points up
     for down in range(-radius, radius + 1):

@@ -1,0 +1,112 @@
+"""Makes the environments of one Gymnasium id from an environment class and its tasks; knows no particular class."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal, TypeAlias, get_args
+
+import gymnasium as gym
+from gymnasium.spaces import Box
+from numpy.typing import ArrayLike
+
+from sb3_bruno_envs.tasks import Split, Task, TaskDistribution, as_task_distribution
+from sb3_bruno_envs.wrappers.meta_task import Draw, MetaTask
+from sb3_bruno_envs.wrappers.observations import TaskObservation, TransitionObservation
+from sb3_bruno_envs.wrappers.trial import Trial
+
+Observe: TypeAlias = Literal["transition", "task", "plain"]
+
+
+class Family:
+    """Makes an environment in MetaTask and an observation wrapper whenever ``gym.make`` calls it.
+
+    A family is the entry point of its id: ``gym.make`` calls it with all keyword arguments, and reads the render modes
+    from ``metadata``. Several families may share a class.
+
+    Args:
+        env_class: a Gymnasium environment with a method ``set_task(task)``, which is called before every reset.
+        tasks: the family's own tasks: a TaskSet, a TaskSampler or an array-like ``(n, dim)``.
+        max_episode_steps: the length of an episode; None if the environment ends each of its episodes itself.
+        n_episodes: the number of inner episodes, if an episode is a trial (see Trial). The environment ends the inner
+            episodes itself, and ``max_episode_steps`` limits the whole trial.
+
+    Raises:
+        ValueError: if the class has no ``set_task``, or the tasks are invalid.
+
+    Example:
+        >>> POINT_DIR = Family(PointDirEnv, POINT_DIR_TASKS, max_episode_steps=30)
+        >>> register_family("PointDir-v0", "sb3_bruno_envs.classic.point_dir:POINT_DIR")
+        >>> env = gym.make("PointDir-v0", split="test", draw="cycle")
+    """
+
+    def __init__(
+        self,
+        env_class: type[gym.Env[Any, Any]],
+        tasks: TaskDistribution | ArrayLike,
+        *,
+        max_episode_steps: int | None = None,
+        n_episodes: int | None = None,
+    ) -> None:
+        set_task: Callable[[Any, Task], object] | None = getattr(env_class, "set_task", None)
+        if set_task is None:
+            raise ValueError(f"env_class={env_class!r} has no method set_task(task): add one that applies a task.")
+        self.env_class = env_class
+        self.tasks = as_task_distribution(tasks)
+        self.max_episode_steps = max_episode_steps
+        self.n_episodes = n_episodes
+        self._set_task = set_task
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """Return the render modes of the environment class."""
+        return self.env_class.metadata
+
+    def __call__(
+        self,
+        *,
+        split: Split = "train",
+        tasks: Any = None,
+        draw: Draw = "random",
+        observe: Observe = "transition",
+        task_space: Box | None = None,
+        **env_kwargs: Any,
+    ) -> gym.Env[Any, Any]:
+        """Make one environment.
+
+        Args:
+            split: ``"train"`` or ``"test"``.
+            tasks: other tasks, in any form that MetaTask takes; None for the family's own.
+            draw: ``"random"``, ``"cycle"`` or ``"fixed"``, as in MetaTask.
+            observe: ``"transition"`` (a Dict, see TransitionObservation), ``"task"`` (what an oracle sees, see
+                TaskObservation) or ``"plain"`` (the bare observation; the task is in ``info`` all the same).
+            task_space: the Box that holds every task; None for the family's own, which does not depend on ``tasks``.
+            **env_kwargs: arguments of the environment class, ``render_mode`` among them, and ``n_episodes`` where an
+                episode is a trial.
+
+        Raises:
+            ValueError: if ``observe`` is unknown, or MetaTask refuses an argument.
+        """
+        if observe not in get_args(Observe):
+            raise ValueError(f"observe={observe!r} is unknown: use 'transition', 'task' or 'plain'.")
+        meta = MetaTask(
+            self._make_bare(**env_kwargs),
+            self._set_task,
+            self.tasks if tasks is None else tasks,
+            split=split,
+            draw=draw,
+            task_space=self.tasks.space if task_space is None else task_space,
+        )
+        if observe == "transition":
+            return TransitionObservation(meta)
+        return TaskObservation(meta) if observe == "task" else meta
+
+    def _make_bare(self, **env_kwargs: Any) -> gym.Env[Any, Any]:
+        """Make the environment, or a trial of its episodes."""
+        if self.n_episodes is None:
+            return self.env_class(**env_kwargs)
+        n_episodes = env_kwargs.pop("n_episodes", self.n_episodes)
+        # No TimeLimit inside: the spec would name it, and gym.make would put it around the whole trial.
+        return Trial(self.env_class(**env_kwargs), n_episodes)
+
+    def __repr__(self) -> str:
+        return f"Family({self.env_class.__name__}, {self.tasks})"

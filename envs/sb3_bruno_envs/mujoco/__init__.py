@@ -1,0 +1,1 @@
+"""Gives Gymnasium's MuJoCo robots hidden tasks: directions, velocities, bodies."""

@@ -1,0 +1,88 @@
+"""Rewards Gymnasium's half-cheetah for a hidden task: a direction or a target velocity.
+
+The physics are bit-identical to HalfCheetah-v5. The control cost is half of Gymnasium's, as usual in meta-RL.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium.envs.mujoco.half_cheetah_v5 import HalfCheetahEnv
+from gymnasium.spaces import Box
+from numpy.typing import ArrayLike, NDArray
+
+from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.mujoco.exact_state import ExactState
+from sb3_bruno_envs.tasks import TaskSet
+
+
+class MetaHalfCheetahEnv(ExactState, HalfCheetahEnv):
+    """Rewards HalfCheetah-v5 with ``progress(x_velocity) - ctrl_cost_weight * |action|^2``.
+
+    Subclasses say what progress is. Observations ``(17,)``, actions ``(6,)`` in [-1, 1], 0.05 s per step; an
+    episode never terminates. Pickling is exact, see ExactState.
+
+    Args:
+        ctrl_cost_weight: weight of the squared torques.
+        **kwargs: further keyword arguments of Gymnasium's HalfCheetahEnv. Unless ``camera_id`` or ``camera_name``
+            says otherwise, the camera follows the cheetah, which would run out of the picture.
+    """
+
+    metadata = {"render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"]}  # noqa: RUF012  # as Gymnasium has it
+
+    def __init__(self, *, ctrl_cost_weight: float = 0.05, **kwargs: Any) -> None:
+        if "camera_id" not in kwargs:
+            kwargs.setdefault("camera_name", "track")
+        super().__init__(ctrl_cost_weight=ctrl_cost_weight, **kwargs)
+
+    def progress(self, x_velocity: float) -> float:
+        """Return the reward, in m/s, for running at ``x_velocity`` (m/s) in the current task."""
+        raise NotImplementedError
+
+    def _get_rew(self, x_velocity: float, action: NDArray[np.float32]) -> tuple[float, dict[str, float]]:
+        forward = self.progress(x_velocity)
+        control = self.control_cost(action)  # type: ignore[no-untyped-call]  # untyped in Gymnasium
+        return forward - control, {"reward_forward": forward, "reward_ctrl": -control}
+
+
+class CheetahDirEnv(MetaHalfCheetahEnv):
+    """Rewards running in the hidden direction: ``direction * x_velocity - ctrl_cost_weight * |action|^2``."""
+
+    direction = 1.0  # +1 forward, -1 backward
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Set the direction from a one-hot task ``(2,)``: ``[1, 0]`` backward, ``[0, 1]`` forward."""
+        backward, forward = np.asarray(task, dtype=np.float64).tolist()
+        self.direction = forward - backward
+
+    def progress(self, x_velocity: float) -> float:
+        """Return the velocity in the hidden direction, m/s."""
+        return self.direction * x_velocity
+
+
+class CheetahVelEnv(MetaHalfCheetahEnv):
+    """Rewards running at the hidden velocity: ``-|x_velocity - velocity| - ctrl_cost_weight * |action|^2``."""
+
+    velocity = 1.0  # m/s
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Set the target velocity from a task ``(1,)``, in m/s."""
+        (self.velocity,) = np.asarray(task, dtype=np.float64).tolist()
+
+    def progress(self, x_velocity: float) -> float:
+        """Return minus the distance to the target velocity, m/s."""
+        return -abs(x_velocity - self.velocity)
+
+
+CHEETAH_DIR_TASKS = TaskSet([[1.0, 0.0], [0.0, 1.0]])
+"""One-hot directions: index 0 is backward (-1), index 1 forward (+1); train and test are the same."""
+
+CHEETAH_DIR = Family(CheetahDirEnv, CHEETAH_DIR_TASKS, max_episode_steps=200)
+
+_VELOCITIES = np.random.RandomState(1337).uniform(0.0, 3.0, 130).round(4).reshape(-1, 1)
+
+CHEETAH_VEL_TASKS = TaskSet(_VELOCITIES[:100], _VELOCITIES[100:], space=Box(0.0, 3.0, (1,)))
+"""Target velocities in m/s, those of the BrunoSAC paper: 100 to train, 30 to test."""
+
+CHEETAH_VEL = Family(CheetahVelEnv, CHEETAH_VEL_TASKS, max_episode_steps=200)
