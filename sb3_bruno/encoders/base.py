@@ -84,7 +84,8 @@ class TaskEncoder(nn.Module, ABC, Generic[Memory]):
         learning_rate: of its Adam, unless the algorithm is given one.
         max_grad_norm: norm to which its gradient is clipped; None: never.
         shortest_sequence: how many transitions of a task ``loss`` needs at least.
-        search_space: keyword arguments worth searching, each with the values to choose from.
+        search_space: keyword arguments worth searching, each with the values to choose from; a ``range`` is searched
+            as an integer.
     """
 
     belief_dim: int

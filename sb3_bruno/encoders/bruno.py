@@ -90,7 +90,7 @@ class BrunoEncoder(TaskEncoder[Statistics]):
 
     search_space: ClassVar[Mapping[str, Sequence[Any]]] = {
         "flow_class": ("paper_maf", "reflected_maf"),
-        "extra_dims": (1, 2, 3, 4),
+        "extra_dims": range(1, 5),
         "condition_on_next": (False, True),
         "process": ("gaussian", "student_t"),
         "objective": ("paper", "prequential"),

@@ -109,7 +109,9 @@ def test_only_what_is_modelled_enters_the_belief():
     noise = encoder_of().draw_noise((6,))
     transitions = transitions_of(6)
     elsewhere = transitions._replace(next_observations=transitions.next_observations + 1)
-    th.testing.assert_close(encoder_of().prefixes(transitions, noise=noise), encoder_of().prefixes(elsewhere, noise=noise))
+    th.testing.assert_close(
+        encoder_of().prefixes(transitions, noise=noise), encoder_of().prefixes(elsewhere, noise=noise)
+    )
     dynamics = encoder_of(modelled="next_observations", extra_dims=4)
     richer = transitions._replace(rewards=transitions.rewards + 1)
     th.testing.assert_close(dynamics.prefixes(transitions, noise=noise), dynamics.prefixes(richer, noise=noise))

@@ -1,0 +1,200 @@
+"""Encoders that learn from the critics or the actor: by SB3's own loss, end to end, and resumed exactly."""
+
+import numpy as np
+import pytest
+import torch as th
+from stable_baselines3.common.env_util import make_vec_env
+
+from sb3_bruno import BrunoSAC, RecurrentCrossQ, RecurrentSAC, RecurrentTD3, RecurrentTQC
+from sb3_bruno.buffers.critic_gradient import BeliefGradient
+from sb3_bruno.encoders.base import map_memory
+
+POINT = "sb3_bruno_envs:PointDir-v0"
+ALGORITHMS = [RecurrentSAC, RecurrentTQC, RecurrentCrossQ, RecurrentTD3]
+
+
+def make_model(algorithm=RecurrentSAC, steps=70, **kwargs):
+    """A model in mid-episode, before its first update."""
+    settings = {"learning_starts": 1_000, "batch_size": 16, "policy_kwargs": {"net_arch": [16]}, "seed": 0}
+    settings |= {"encoder_kwargs": {"hidden_size": 8}, "replay_buffer_kwargs": {"n_sequences": 4}, "device": "cpu"}
+    return algorithm("MlpPolicy", make_vec_env(POINT, 2, seed=0), **{**settings, **kwargs}).learn(steps)
+
+
+def gradients(encoder):
+    return [parameter.grad.clone() for parameter in encoder.parameters()]
+
+
+class Stop(Exception):
+    """Ends SB3's update where the gradient is complete."""
+
+
+def stop(*_):
+    raise Stop
+
+
+@pytest.mark.parametrize("teacher", ["critic", "actor"])
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_the_gradient_is_that_of_sb3s_loss_differentiated_end_to_end(monkeypatch, algorithm, teacher):
+    own = {"policy_delay": 1} if algorithm in (RecurrentCrossQ, RecurrentTD3) else {}
+    critic_input = "both" if teacher == "critic" else "belief"
+    options = {"encoder_kwargs": {"hidden_size": 8, "learns_from": teacher}, "critic_input": critic_input, **own}
+    ours, theirs = (make_model(algorithm, **options) for _ in range(2))
+
+    # Ours: what the hooks collect, before clipping and the optimiser's step.
+    monkeypatch.setattr(ours, "_step_encoder", lambda: th.zeros(()))
+    th.manual_seed(1)
+    ours.train(1, 16)
+
+    # Theirs: the graph from loss to encoder is never cut, and kept for the actor's backward pass.
+    def uncut(self, observations, places):
+        beliefs = self._beliefs.flatten(0, 1)[places]
+        return th.cat([observations[:, : self._columns.start], beliefs, observations[:, self._columns.stop :]], dim=1)
+
+    backward = th.Tensor.backward
+    monkeypatch.setattr(BeliefGradient, "leaf", uncut)
+    monkeypatch.setattr(th.Tensor, "backward", lambda self: backward(self, retain_graph=True))
+    critic_hooks = theirs.critic.optimizer._optimizer_step_pre_hooks
+    critic_hooks.clear()
+    theirs.actor.optimizer._optimizer_step_pre_hooks.clear()
+    if teacher == "critic":
+        theirs.critic.optimizer.register_step_pre_hook(stop)
+    else:
+        theirs.critic.optimizer.register_step_pre_hook(lambda *_: theirs.encoder.zero_grad())
+        theirs.actor.optimizer.register_step_pre_hook(stop)
+    th.manual_seed(1)
+    with pytest.raises(Stop):
+        theirs.train(1, 16)
+    for found, expected in zip(gradients(ours.encoder), gradients(theirs.encoder), strict=True):
+        assert expected.abs().max() > 0
+        th.testing.assert_close(found, expected, rtol=1e-4, atol=1e-7)
+
+
+def test_one_update_per_encode_and_none_is_lost(monkeypatch):
+    """Episodes of up to 30 steps in 4 rows: 4 samples of 4 x 2 are read from one encode until its steps are used up."""
+    model = make_model(batch_size=8)
+    encodes, updates = [], []
+    encode, step = model.replay_buffer._encode, model.encoder_optimizer.step
+    monkeypatch.setattr(model.replay_buffer, "_encode", lambda *args: encodes.append(1) or encode(*args))
+    monkeypatch.setattr(model.encoder_optimizer, "step", lambda: updates.append(len(encodes)) or step())
+    model.train(40, 8)
+    assert updates == list(range(1, len(encodes) + 1)) and 1 < len(encodes) < 40
+    assert model._n_encoder_updates == len(encodes)
+    assert model.replay_buffer.gradient is None  # nothing is left that a later round could take twice
+
+
+@pytest.mark.parametrize("teacher", ["critic", "actor"])
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_every_algorithm_teaches_its_encoder_also_after_loading(tmp_path, algorithm, teacher):
+    model = make_model(algorithm, encoder_kwargs={"hidden_size": 8, "learns_from": teacher, "cell": "lstm"})
+    model.save(tmp_path / "model.zip")
+    model.save_replay_buffer(tmp_path / "buffer.pkl")
+    loaded = algorithm.load(tmp_path / "model.zip", env=model.get_env(), device="cpu")
+    loaded.load_replay_buffer(tmp_path / "buffer.pkl")
+    loaded.set_logger(model.logger)
+    before = [parameter.clone() for parameter in loaded.encoder.parameters()]
+    loaded.train(6, 16)
+    changed = [not th.equal(old, new) for old, new in zip(before, loaded.encoder.parameters(), strict=True)]
+    assert all(changed)
+
+
+def test_the_encoders_gradient_is_clipped_and_its_norm_logged(monkeypatch):
+    model = make_model(encoder_kwargs={"hidden_size": 8, "max_grad_norm": 1e-3})
+    norms = []
+    step = model.encoder_optimizer.step
+
+    def watched():
+        norms.append(th.cat([gradient.flatten() for gradient in gradients(model.encoder)]).norm().item())
+        step()
+
+    monkeypatch.setattr(model.encoder_optimizer, "step", watched)
+    model.train(4, 16)
+    assert max(norms) <= 1e-3 * (1 + 1e-4)
+    assert model.logger.name_to_value["encoder/gradient_norm"] > 1e-3
+
+
+def test_running_episodes_are_encoded_again_after_each_round_of_updates():
+    model = make_model(steps=86, encoder_learning_rate=0.1)
+    model.train(8, 16)
+    buffer = model.replay_buffer
+    slots, lengths = buffer.episodes.running()
+    with th.no_grad():
+        prefixes = model.encoder.prefixes(buffer.transitions(slots))
+        for env, length in enumerate(lengths):
+            expected = map_memory(lambda states, i=env, n=length: states[i, n - 1], prefixes)
+            carried = map_memory(lambda states, i=env: states[i], model._carried.memory)
+            th.testing.assert_close(carried, expected)
+    assert (lengths > 1).all()
+
+
+def test_a_long_episode_is_encoded_again_less_often(monkeypatch):
+    model = make_model(steps=30)
+    recalled = []
+    monkeypatch.setattr("sb3_bruno.algorithms.encoder_training.RECALLED", 5)  # of 15 transitions: every third round
+    prefixes = model.encoder.prefixes
+    for round_ in range(9):
+        monkeypatch.setattr(model.encoder, "prefixes", lambda *args: recalled.append(round_) or prefixes(*args))  # noqa: B023
+        model._recall_running_episodes()
+    assert recalled == [2, 5, 8]
+
+
+def test_the_target_encoder_follows_slowly_and_makes_the_next_beliefs():
+    model = make_model(encoder_tau=0.25, encoder_learning_rate=0.05)
+    target = model.policy.encoder_target
+    before = [parameter.clone() for parameter in target.parameters()]
+    for old, new in zip(before, model.encoder.parameters(), strict=True):
+        assert th.equal(old, new)
+    model.train(1, 16)
+    for old, fast, slow in zip(before, model.encoder.parameters(), target.parameters(), strict=True):
+        th.testing.assert_close(slow, 0.75 * old + 0.25 * fast)
+        assert not slow.requires_grad
+    slots, _, _ = model.replay_buffer.episode_slots(1)
+    model.replay_buffer.episode_slots = lambda n: (slots, np.zeros((1, 2), np.float32), np.array([slots.shape[1]]))
+    samples = model.replay_buffer.sample(slots.shape[1])
+    layout, transitions = model.policy.layout, model.replay_buffer.transitions(slots)
+    order = samples.observations[:, :2].detach()
+    for found, encoder, first in ((samples.observations, model.encoder, 0), (samples.next_observations, target, 1)):
+        with th.no_grad():
+            beliefs = encoder.belief(encoder.prefixes(transitions))[0, first : first + slots.shape[1]]
+        for row, here in zip(found, order, strict=True):
+            step = (transitions.observations[0] - here).abs().sum(dim=1).argmin()
+            th.testing.assert_close(row[layout.belief].detach(), beliefs[step])
+
+
+def test_without_a_target_encoder_there_is_none():
+    assert make_model(steps=4).policy.encoder_target is None
+
+
+@pytest.mark.parametrize(
+    ("settings", "remedy"),
+    [
+        ({"critic_input": "task"}, "use 'belief' or 'both'"),
+        ({"replay_buffer_kwargs": {"context": "iid"}}, r"dict\(context='episode'\)"),
+        ({"encoder_batch_size": 8}, "leave it out"),
+        ({"encoder_update_ratio": 0.5}, "leave it out"),
+        ({"encoder_learning_starts": 10}, "leave it out"),
+        ({"encoder_tau": 0.0}, r"in \(0, 1\]"),
+        ({"encoder_kwargs": {"cell": "rnn"}}, "'gru', 'lstm'"),
+        ({"encoder_kwargs": {"hidden_size": 0}}, "at least 1"),
+        ({"encoder_kwargs": {"learns_from": "own"}}, "'critic' or 'actor'"),
+        ({"encoder_kwargs": {"max_grad_norm": 0.0}}, "None never clips"),
+        ({"encoder_kwargs": {"hiden_size": 8}}, "did you mean `hidden_size`"),
+        ({"replay_buffer_kwargs": {"sequences_length": 8}}, "did you mean `sequence_length`"),
+        ({"policy_kwargs": {"forget_threshold": 5.0}}, "ability `Predicts`"),
+    ],
+)
+def test_what_cannot_work_is_refused_with_a_remedy(settings, remedy):
+    with pytest.raises(ValueError, match=remedy):
+        make_model(steps=0, **settings)
+
+
+def test_an_encoder_that_learns_from_the_actor_leaves_the_critics_their_task():
+    assert make_model(steps=0, encoder_kwargs={"learns_from": "actor"}).policy.critic_input == "task"
+    assert make_model(steps=0).policy.critic_input == "belief"
+    assert BrunoSAC("MlpPolicy", POINT).policy.critic_input == "task"
+
+
+def test_a_belief_without_a_distribution_says_what_is_missing():
+    model = make_model(steps=4)
+    _, state = model.predict(model.get_env().reset())
+    with pytest.raises(ValueError, match=r"`HasPosterior`, and `RecurrentEncoder` has no `posterior`"):
+        model.belief(state)

@@ -1,0 +1,182 @@
+"""What every encoder promises, whatever it is made of."""
+
+import inspect
+from typing import get_type_hints
+
+import pytest
+import torch as th
+
+from sb3_bruno.encoders import (
+    ENCODERS,
+    BrunoEncoder,
+    HasPosterior,
+    MeasuresDistance,
+    Predicts,
+    RecurrentEncoder,
+    TaskSequences,
+    Transitions,
+    find_encoder,
+)
+from sb3_bruno.encoders.base import map_memory
+from sb3_bruno.encoders.bruno import BrunoArguments
+from sb3_bruno.encoders.recurrent import RecurrentArguments
+from support.small_encoder import SMALL, transitions_of
+
+CASES = {
+    "bruno": (BrunoEncoder, SMALL),
+    "bruno-dynamics": (BrunoEncoder, {**SMALL, "modelled": "both", "process": "gaussian"}),
+    "bruno-shared": (BrunoEncoder, {**SMALL, "process": "shared_student_t", "belief": "mean"}),
+    "gru": (RecurrentEncoder, {"hidden_size": 8}),
+    "lstm": (RecurrentEncoder, {"hidden_size": 8, "cell": "lstm", "learns_from": "actor"}),
+}
+ARGUMENTS = {BrunoEncoder: BrunoArguments, RecurrentEncoder: RecurrentArguments}
+
+
+@pytest.fixture(params=CASES)
+def encoder(request):
+    """An encoder of observations (3,), actions (2,) and tasks (2,), in float64."""
+    encoder_class, kwargs = CASES[request.param]
+    th.manual_seed(0)
+    return encoder_class.build(3, 2, 2, **kwargs).double()
+
+
+def weights_of(*shape):
+    return (th.rand(*shape, generator=th.Generator().manual_seed(1)) < 0.6).double()
+
+
+def at(memory, index):
+    return map_memory(lambda prefixes: prefixes[..., index, :], memory)
+
+
+def assert_close(memory, other, **tolerance):
+    assert type(memory) is type(other)
+    for tensor, expected in zip(memory, other, strict=True):
+        th.testing.assert_close(tensor, expected, **tolerance)
+
+
+def test_every_encoder_with_a_name_is_tested():
+    assert {encoder_class for encoder_class, _ in CASES.values()} == set(ENCODERS.values()) == set(ARGUMENTS)
+
+
+@pytest.mark.parametrize("batch_shape", [(), (3,), (2, 3)])
+def test_prefixes_are_absorbing_one_by_one(encoder, batch_shape):
+    transitions, weights = transitions_of(*batch_shape, 9), weights_of(*batch_shape, 9)
+    prefixes, memory = encoder.prefixes(transitions, weights), encoder.empty(batch_shape)
+    for t in range(10):
+        assert_close(at(prefixes, t), memory)
+        assert encoder.belief(memory).shape == (*batch_shape, encoder.belief_dim)
+        if t < 9:
+            after = encoder.absorb(memory, Transitions(*(column[..., t, :] for column in transitions)))
+            counts = weights[..., t, None] > 0
+            memory = map_memory(lambda new, old, counts=counts: th.where(counts, new, old), after, memory)
+
+
+def test_without_weights_all_count(encoder):
+    transitions = transitions_of(4, 9)
+    assert_close(encoder.prefixes(transitions), encoder.prefixes(transitions, th.ones(4, 9).double()))
+
+
+def test_a_transition_of_weight_zero_may_be_anything(encoder):
+    transitions, weights = transitions_of(4, 9), weights_of(4, 9)
+    others = transitions_of(4, 9, seed=7)
+    mixed = [th.where(weights[..., None] > 0, a, b) for a, b in zip(transitions, others, strict=True)]
+    assert_close(encoder.prefixes(Transitions(*mixed), weights), encoder.prefixes(transitions, weights))
+
+
+def test_order_matters_where_the_encoder_says_so_and_only_there(encoder):
+    transitions = transitions_of(4, 20)
+    turned = Transitions(*(column.flip(-2) for column in transitions))
+    belief, other = (encoder.belief(at(encoder.prefixes(columns), -1)) for columns in (transitions, turned))
+    assert th.allclose(belief, other, rtol=1e-9, atol=1e-11) == (encoder.order == "any")
+
+
+def test_another_episode_starts_from_the_memory(encoder):
+    memory = at(encoder.prefixes(transitions_of(4, 5)), -1)
+    assert_close(encoder.start_episode(memory), memory)
+
+
+def test_single_precision_is_near_double_after_a_thousand_steps(encoder):
+    transitions = transitions_of(2, 1_000)
+    with th.no_grad():
+        exact = encoder.belief(encoder.prefixes(transitions))
+        single = encoder.float()
+        found = single.belief(single.prefixes(Transitions(*(column.float() for column in transitions))))
+    th.testing.assert_close(found.double(), exact, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("factor", [1e3, 0.0])
+def test_a_belief_is_finite_at_rewards_of_any_size(encoder, factor):
+    transitions = transitions_of(2, 100)
+    belief = encoder.belief(encoder.prefixes(transitions._replace(rewards=factor * transitions.rewards)))
+    assert belief.isfinite().all()
+
+
+def test_what_teaches_it_reaches_every_parameter(encoder):
+    transitions = transitions_of(4, 9)
+    if encoder.learns_from == "own":
+        loss = encoder.loss(TaskSequences(transitions, th.zeros(4, 2).double(), weights_of(4, 9)))
+        assert loss.total.shape == () and all(scalar.shape == () for scalar in loss.scalars.values())
+        total = loss.total
+    else:
+        total = (encoder.belief(encoder.prefixes(transitions, weights_of(4, 9))) ** 2).sum()
+    total.backward()
+    for name, parameter in encoder.named_parameters():
+        assert parameter.grad.isfinite().all() and parameter.grad.abs().sum() > 0, name
+
+
+def test_a_saved_encoder_believes_the_same(encoder, request):
+    encoder.loss(TaskSequences(transitions_of(4, 9), th.zeros(4, 2).double()))  # moves running statistics, if any
+    encoder_class, kwargs = CASES[request.node.callspec.params["encoder"]]
+    other = encoder_class.build(3, 2, 2, **kwargs).double()
+    other.load_state_dict(encoder.state_dict())
+    transitions = transitions_of(4, 9)
+    th.testing.assert_close(
+        other.belief(other.prefixes(transitions)), encoder.belief(encoder.prefixes(transitions)), rtol=0, atol=0
+    )
+
+
+def test_scalars_of_diagnostics_are_scalars(encoder):
+    assert all(scalar.shape == () for scalar in encoder.diagnostics().values())
+
+
+def test_abilities_are_honoured(encoder):
+    transitions = transitions_of(4, 9)
+    memory, now = at(encoder.prefixes(transitions), 5), Transitions(*(column[:, 5] for column in transitions))
+    if isinstance(encoder, HasPosterior):
+        posterior = encoder.posterior(memory)
+        assert posterior.mean.shape[0] == 4 and (posterior.variance > 0).all()
+        before, after = encoder.posterior(encoder.empty((4,))), encoder.posterior(at(encoder.prefixes(transitions), -1))
+        assert after.variance.mean() < before.variance.mean()  # what was seen makes surer
+    if isinstance(encoder, Predicts):
+        outcomes = encoder.outcomes(memory, now.observations, now.actions, now.next_observations, 7)
+        shapes = [None if samples is None else tuple(samples.shape) for samples in outcomes]
+        assert set(shapes) - {None} <= {(7, 4, 1), (7, 4, 3)} and any(shapes)
+        assert encoder.one_step_bounds(transitions).shape == (4, 9)
+        nothing = encoder.log_bayes_factor(encoder.empty((4,)), now)
+        th.testing.assert_close(nothing, th.zeros(4).double())  # the prior against itself
+        assert encoder.log_bayes_factor(memory, now).abs().min() > 0
+    if isinstance(encoder, MeasuresDistance):
+        assert (encoder.distance(transitions).beta >= 0).all()
+
+
+@pytest.mark.parametrize("encoder_class", ARGUMENTS)
+def test_the_typed_arguments_are_those_of_the_constructor(encoder_class):
+    parameters = inspect.signature(encoder_class).parameters
+    taken = [name for name in parameters if name not in ("observation_dim", "action_dim")]
+    assert list(get_type_hints(ARGUMENTS[encoder_class])) == taken
+    assert set(encoder_class.search_space) <= set(taken)
+
+
+@pytest.mark.parametrize("encoder_class", ARGUMENTS)
+def test_every_choice_of_the_search_space_can_be_built(encoder_class):
+    for name, choices in encoder_class.search_space.items():
+        for choice in choices:
+            encoder_class.build(3, 2, 1, **{name: choice})
+
+
+def test_encoders_are_found_by_name_or_class():
+    assert find_encoder("recurrent") is find_encoder(RecurrentEncoder) is RecurrentEncoder
+    with pytest.raises(ValueError, match=r"'brnuo'` is unknown: use one of \['bruno', 'recurrent'\]"):
+        find_encoder("brnuo")
+    with pytest.raises(ValueError, match="no `TaskEncoder`"):
+        find_encoder(th.nn.Linear)
