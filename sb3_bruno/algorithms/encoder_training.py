@@ -20,7 +20,7 @@ from sb3_bruno.encoders import HasPosterior, Loss, TaskEncoder
 from sb3_bruno.encoders.base import map_memory
 
 RECALLED = 64
-"""Transitions of each running episode that a round of updates may cost, on average over rounds, to encode them again."""
+"""Transitions of each running episode that a round of updates may encode again, on average over rounds."""
 
 
 class EncoderTraining(OffPolicyAlgorithm):

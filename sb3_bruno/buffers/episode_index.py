@@ -14,8 +14,9 @@ Slots = NDArray[np.int64]
 class EpisodeIndex:
     """Counts the steps of every environment's episodes, row by row, while a ring buffer overwrites its oldest row.
 
-    :param n_rows: rows of the ring, each of one transition per environment
-    :param n_envs: number of environments
+    Args:
+        n_rows: rows of the ring, each of one transition per environment.
+        n_envs: number of environments.
     """
 
     def __init__(self, n_rows: int, n_envs: int) -> None:
@@ -24,7 +25,7 @@ class EpisodeIndex:
         self._n_put = 0
 
     def __getstate__(self) -> dict[str, Any]:
-        """Only the rows that are filled."""
+        """Keep only the rows that are filled."""
         return {**self.__dict__, "_steps": self._steps[: self._n_put], "n_rows": len(self._steps)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -34,27 +35,29 @@ class EpisodeIndex:
         self._steps[: len(filled)] = filled
 
     def put(self, dones: NDArray[Any]) -> None:
-        """One more transition of each environment; ``dones``, (n_envs,), tells whose episode ends with it."""
+        """Count one more transition of each environment; ``dones``, (n_envs,), tells whose episode ends with it."""
         self._steps[self._n_put % len(self._steps)] = self._lengths
         self._lengths = np.where(dones, 0, self._lengths + 1)
         self._n_put += 1
 
     def cut(self) -> None:
-        """What comes next begins new episodes."""
+        """Begin new episodes with what comes next."""
         self._lengths[:] = 0
 
     def running(self) -> tuple[Slots, Slots]:
-        """The episodes that still run, from their first transition that is left.
+        """Find the episodes that still run, from their first transition that is left.
 
-        :return: slots (n_envs, longest), rows padded with their last slot, and the lengths (n_envs,)
+        Returns:
+            Slots (n_envs, longest), rows padded with their last slot, and the lengths (n_envs,).
         """
         n_envs = len(self._lengths)
         return self._slots(np.full(n_envs, (self._n_put - 1) % len(self._steps)), np.arange(n_envs), self._lengths)
 
     def holding(self, slots: Slots) -> tuple[Slots, Slots]:
-        """The episodes, as far as they are left, that hold given slots (n,).
+        """Find the episodes, as far as they are left, that hold given slots (n,).
 
-        :return: slots (n, longest), rows padded with their last slot, and the lengths (n,)
+        Returns:
+            Slots (n, longest), rows padded with their last slot, and the lengths (n,).
         """
         n_envs = self._steps.shape[1]
         rows, envs = slots // n_envs, slots % n_envs
@@ -62,7 +65,7 @@ class EpisodeIndex:
         return self._slots(last_rows, envs, self._steps[last_rows, envs].astype(np.int64) + 1)
 
     def _last_rows(self, rows: Slots, envs: Slots) -> Slots:
-        """The last row, so far, of the episodes that hold given transitions. All shapes (n,).
+        """Find the last row, so far, of the episodes that hold given transitions. All shapes (n,).
 
         Within an episode the step counts up with the row, so row + k belongs to it while its step is step + k.
         Example: steps [3 4 5 0 1], row 1: k = 1 holds (5 = 4 + 1), k = 2 does not (0), so the last row is 2. Once
@@ -78,7 +81,7 @@ class EpisodeIndex:
         return (rows + low) % n_rows
 
     def _slots(self, last_rows: Slots, envs: Slots, lengths: Slots) -> tuple[Slots, Slots]:
-        """The slots of ``lengths`` rows up to ``last_rows``, as far as they are left, padded with the last."""
+        """Lay out the slots of ``lengths`` rows up to ``last_rows``, as far as they are left, padded with the last."""
         n_rows, n_envs = self._steps.shape
         oldest = max(self._n_put - n_rows, 0)
         lengths = np.minimum(lengths, (last_rows - oldest) % n_rows + 1)

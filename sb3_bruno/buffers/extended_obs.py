@@ -19,9 +19,10 @@ class ExtendedObs:
     Example: an observation of 17, a belief of 10 and a task of 2 numbers make slices 0:17, 17:27 and 27:29. The
     actor reads 0:27; critics on the task read 0:17 and 27:29.
 
-    :param observation_dim: size of the flattened observation
-    :param belief_dim: size of the belief vector
-    :param task_dim: size of the task vector
+    Args:
+        observation_dim: size of the flattened observation.
+        belief_dim: size of the belief vector.
+        task_dim: size of the task vector.
     """
 
     def __init__(self, observation_dim: int, belief_dim: int, task_dim: int) -> None:
@@ -41,9 +42,10 @@ class ExtendedObs:
         return [slice(0, self.belief.stop)]
 
     def critic_slices(self, critic_input: CriticInput) -> list[slice]:
-        """What critics read beside the action.
+        """Tell what critics read beside the action.
 
-        :raises ValueError: if ``critic_input`` is not 'task', 'belief' or 'both'
+        Raises:
+            ValueError: if ``critic_input`` is not 'task', 'belief' or 'both'.
         """
         slices = {
             "task": [self.observation, self.task],
@@ -55,7 +57,7 @@ class ExtendedObs:
         return slices[critic_input]
 
     def join(self, observation: Tensor, belief: Tensor, task: Tensor | None = None) -> Tensor:
-        """(..., observation_dim), (..., belief_dim), (..., task_dim) -> (..., dim). No task: zeros stand for it."""
+        """Join (..., observation_dim), (..., belief_dim), (..., task_dim): (..., dim). No task: zeros stand for it."""
         if task is None:
             task = observation.new_zeros(*observation.shape[:-1], self.dim - self.task.start)
         return th.cat([observation, belief, task], dim=-1)
@@ -64,14 +66,15 @@ class ExtendedObs:
 class SliceExtractor(BaseFeaturesExtractor):
     """Reads given slices of the extended observation: (batch, dim) -> (batch, features_dim).
 
-    :param observation_space: the space of extended observations
-    :param slices: slices to read, in order
+    Args:
+        observation_space: the space of extended observations.
+        slices: slices to read, in order.
     """
 
     def __init__(self, observation_space: spaces.Box, slices: list[slice]) -> None:
-        super().__init__(observation_space, features_dim=sum(one.stop - one.start for one in slices))
+        super().__init__(observation_space, features_dim=sum(part.stop - part.start for part in slices))
         self.slices = slices
 
     def forward(self, observations: Tensor) -> Tensor:
-        parts = [observations[:, one] for one in self.slices]
+        parts = [observations[:, part] for part in self.slices]
         return parts[0] if len(parts) == 1 else th.cat(parts, dim=1)

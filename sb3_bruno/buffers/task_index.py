@@ -9,10 +9,11 @@ Array = NDArray[np.int64]
 
 
 class SlotQueue:
-    """The slots of one task, oldest first: first in, first out, with random access.
+    """Keeps the slots of one task, oldest first: first in, first out, with random access.
 
-    :param task: the task vector, shape (task_dim,)
-    :param number: the queue's place among all queues of its index
+    Args:
+        task: the task vector, shape (task_dim,).
+        number: the queue's place among all queues of its index.
     """
 
     def __init__(self, task: NDArray[np.float32], number: int) -> None:
@@ -52,7 +53,8 @@ class TaskIndex:
     queue goes from [0, 2] to [2] and C's becomes [0]. A task whose queue is empty is forgotten, so an endless
     stream of new tasks takes no more memory than the slots it fills.
 
-    :param n_slots: number of slots of the ring
+    Args:
+        n_slots: number of slots of the ring.
     """
 
     def __init__(self, n_slots: int) -> None:
@@ -76,11 +78,11 @@ class TaskIndex:
         self._queue_of_slot[slot] = queue.number
 
     def queue_of(self, slot: int) -> SlotQueue:
-        """The queue of the task that holds ``slot``."""
+        """Return the queue of the task that holds ``slot``."""
         return self._queues[int(self._queue_of_slot[slot])]
 
     def draw(self, size: int, rng: np.random.Generator) -> list[SlotQueue]:
-        """Queues of tasks drawn uniformly with replacement."""
+        """Draw queues of tasks, uniformly with replacement."""
         return [self._live[i] for i in rng.integers(len(self._live), size=size)]
 
     def _open(self, task: NDArray[np.float32]) -> SlotQueue:

@@ -1,4 +1,4 @@
-"""How far an agent's beliefs can be trusted: calibration, strangeness and what they predict, on episodes of its own."""
+"""Measures how far an agent's beliefs can be trusted: calibration, strangeness and predictions, on its own episodes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from stable_baselines3.common.vec_env import VecNormalize
 from sb3_bruno.algorithms.beliefs import AgentView, TaskBelief
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.diagnostics.result import Diagnostics, Floats
-from sb3_bruno.encoders import BrunoEncoder, Transitions
+from sb3_bruno.encoders import HasPosterior, MeasuresDistance, Predicts, Transitions
+from sb3_bruno.encoders.abilities import check_ability
+from sb3_bruno.encoders.base import map_memory
 from sb3_bruno.evaluation.episodes import Episode, pad_episodes, record_episodes
 
 __all__ = ["Diagnostics", "diagnose"]
@@ -40,9 +42,10 @@ def diagnose(
     - Calibration: each modelled quantity's rank among samples of its predictive given the transitions before it, at
       up to 50 steps spread over the episode. Beliefs and predictions are the agent's own, so the noise that augments
       their context is zero; a policy that may forget is taken as one that does not.
-    - Distance: beta_n of up to 20 transitions spread over the episode, against chi-squared or F. The model takes
-      transitions of one task for independent given the task, and neighbours in an agent's stream are not. So the
-      whole episode would show the correlation and not the model; these few show less of it, not none.
+    - Distance: beta_n of up to 20 transitions spread over the episode, against chi-squared or F, where the encoder
+      ``MeasuresDistance``. The model takes transitions of one task for independent given the task, and neighbours in
+      an agent's stream are not. So the whole episode would show the correlation and not the model; these few show less
+      of it, not none.
     - Bounds: of every transition given those before it. Like the distances, with noise drawn.
     - Alarm: an episode's score is minus its mean bound. On trained agents the tail of beta_n told less: it asks only
       whether the latents fit together. An episode more regular than expected scores low and raises no alarm.
@@ -50,7 +53,7 @@ def diagnose(
     All random numbers come from ``seed``; torch's own state is as it was before. Needs the ``plots`` extra, for SciPy.
 
     Args:
-        model: the agent; its encoder is a ``BrunoEncoder``.
+        model: the agent; its encoder has the abilities ``HasPosterior`` and ``Predicts``.
         make_env: makes one environment with a time limit, as for ``evaluate_adaptation``.
         tasks: the tasks to give at reset, ``(n_tasks, task_dim)``.
         n_episodes: per task, inside and outside.
@@ -62,13 +65,11 @@ def diagnose(
         The measurements; ``summary()`` and ``plot_diagnostics`` show them.
 
     Raises:
-        ValueError: if the encoder is no ``BrunoEncoder``, or as ``record_episodes``.
+        ValueError: if the encoder lacks an ability, or as ``record_episodes``.
     """
     encoder = model.policy.encoder
-    if not isinstance(encoder, BrunoEncoder):
-        raise ValueError(
-            f"model's encoder is of class {type(encoder).__name__}, which has no beta_n: use a BrunoEncoder."
-        )
+    for ability in (HasPosterior, Predicts):
+        check_ability(encoder, ability, "`diagnose`")
 
     def record(tasks: ArrayLike, seed: int) -> list[list[Episode]]:
         return record_episodes(model, make_env, tasks, n_episodes=n_episodes, seed=seed, vec_normalize=vec_normalize)
@@ -80,17 +81,20 @@ def diagnose(
         th.manual_seed(seed)
         sequences = _pad(inside)
         findings = [_compare(view, of_task, rng) for of_task in sequences]
-        beliefs, explained = _principal_axes(np.stack([one.means for one in findings]))
+        beliefs, explained = _principal_axes(np.stack([found.means for found in findings]))
+        levels = None
+        if isinstance(encoder, MeasuresDistance):
+            levels = np.array([[_levels(view, encoder, episode) for episode in of_task] for of_task in inside])
         return Diagnostics(
             tasks=np.asarray(tasks, dtype=np.float64),
             quantities=np.array(findings[0].quantities),
-            pit=np.stack([one.pit for one in findings]),
-            distance_levels=np.array([[_levels(view, encoder, one) for one in of_task] for of_task in inside]),
+            pit=np.stack([found.pit for found in findings]),
+            distance_levels=levels,
             bounds=_bounds(view, sequences),
             beliefs=beliefs,
             explained=explained,
-            real=np.stack([one.real for one in findings]),
-            predicted=np.stack([one.predicted for one in findings], axis=1),
+            real=np.stack([found.real for found in findings]),
+            predicted=np.stack([found.predicted for found in findings], axis=1),
             outside_tasks=None if outside is None else np.asarray(outside_tasks, dtype=np.float64),
             outside_bounds=None if outside is None else _bounds(view, _pad(outside)),
         )
@@ -125,31 +129,32 @@ class _Sequences(NamedTuple):
 
 
 def _pad(episodes: Sequence[Sequence[Episode]]) -> list[_Sequences]:
-    """The episodes of each task, all as long as the longest."""
+    """Pad the episodes of each task to the longest of all."""
     every = [_transitions(episode) for of_task in episodes for episode in of_task]
     columns = [np.split(pad_episodes(column), len(episodes)) for column in zip(*every, strict=True)]
-    absorbed = np.nan_to_num(pad_episodes([1.0 - one.inner_ends for of_task in episodes for one in of_task]))
+    absorbed = np.nan_to_num(pad_episodes([1.0 - episode.inner_ends for of_task in episodes for episode in of_task]))
     rows = zip(zip(*columns, strict=True), np.split(absorbed, len(episodes)), strict=True)
     return [_Sequences(Transitions(*parts), shown) for parts, shown in rows]
 
 
 def _transitions(episode: Episode) -> Transitions:
-    """The transitions of an episode, arrays (length, dim)."""
+    """Take the transitions of an episode, arrays (length, dim)."""
     columns: list[Any] = [episode.observations, episode.actions, episode.rewards, episode.next_observations]
     return Transitions(*(column.reshape(len(column), -1) for column in columns))
 
 
 def _compare(view: AgentView, sequences: _Sequences, rng: np.random.Generator) -> _Comparison:
-    """Beliefs and predictions given the transitions before, and what came."""
+    """Compare beliefs and predictions, given the transitions before, with what came."""
     observed = view.observe(*sequences.transitions)
-    prefixes = view.encoder.prefixes(observed, weights=th.as_tensor(sequences.absorbed).to(observed.rewards))
+    encoder: Any = view.encoder  # which has the abilities
+    prefixes = encoder.prefixes(observed, th.as_tensor(sequences.absorbed).to(observed.rewards))
     horizon = sequences.absorbed.shape[1]
 
     def outcomes(episodes: slice, steps: list[int]) -> tuple[list[str], Floats, Floats]:
-        """Names (n_quantities,), real values (..., n_quantities) and samples (n_samples, ..., n_quantities)."""
-        statistics = tuple(one[episodes, steps] for one in prefixes)
-        belief = TaskBelief(view.encoder.posterior(statistics), statistics)
-        here = Transitions(*(one[episodes, steps] for one in sequences.transitions))
+        """Return names (n_quantities,), real values (..., n_quantities) and samples (n_samples, ..., n_quantities)."""
+        memory = map_memory(lambda columns: columns[episodes, steps], prefixes)
+        belief = TaskBelief(encoder.posterior(memory), memory)
+        here = Transitions(*(columns[episodes, steps] for columns in sequences.transitions))
         modelled = view.outcomes(belief, here.observations, here.actions, here.next_observations, N_SAMPLES)
         names, real, samples = [], [], []
         if modelled.rewards is not None:
@@ -166,18 +171,18 @@ def _compare(view: AgentView, sequences: _Sequences, rng: np.random.Generator) -
     _, real, samples = outcomes(np.s_[:1], list(range(horizon)))
     first = samples[:, 0, :, 0]
     predicted = np.stack([first.mean(axis=0), *np.quantile(first, INTERVAL, axis=0)])
-    means = view.encoder.posterior(prefixes).mean.cpu().double().numpy()
+    means = encoder.posterior(prefixes).mean.cpu().double().numpy()
     return _Comparison(names, pit, means, real[0, :, 0], predicted)
 
 
 def _spread(length: int, at_most: int) -> list[int]:
-    """Steps evenly over an episode, its first and its last among them."""
+    """Spread steps evenly over an episode, its first and its last among them."""
     steps: list[int] = np.unique(np.linspace(0, length - 1, at_most).astype(int)).tolist()
     return steps
 
 
 def _randomized_ranks(values: Floats, samples: Floats, rng: np.random.Generator) -> Floats:
-    """The rank of values (...) among samples (n, ...), in (0, 1): uniform if they have one distribution, ties or not.
+    """Rank values (...) among samples (n, ...), in (0, 1): uniform if they have one distribution, ties or not.
 
     Example: a value with 3 of 9 samples below and none equal is drawn from U(0.3, 0.4).
     """
@@ -187,18 +192,19 @@ def _randomized_ranks(values: Floats, samples: Floats, rng: np.random.Generator)
 
 
 def _bounds(view: AgentView, sequences: list[_Sequences]) -> Floats:
-    """The bound on every transition given all before it, (n_tasks, n_episodes, horizon)."""
-    bounds = [view.encoder.one_step_bounds(view.observe(*of_task.transitions)) for of_task in sequences]
+    """Bound every transition given all before it, (n_tasks, n_episodes, horizon)."""
+    encoder: Any = view.encoder  # which predicts
+    bounds = [encoder.one_step_bounds(view.observe(*of_task.transitions)) for of_task in sequences]
     return th.stack(bounds).cpu().double().numpy()
 
 
-def _levels(view: AgentView, encoder: BrunoEncoder, episode: Episode) -> Floats:
-    """The PIT of beta_n of transitions spread over an episode, (n_scales,)."""
+def _levels(view: AgentView, encoder: MeasuresDistance, episode: Episode) -> Floats:
+    """Compute the PIT of beta_n of transitions spread over an episode, (n_scales,)."""
     from scipy.stats import chi2, f
 
     spread = _spread(len(episode.rewards), N_CONTEXT)
-    distance = encoder.distance(view.observe(*(one[spread] for one in _transitions(episode))))
-    beta, n_values, df = (one.cpu().double().numpy() for one in distance)
+    distance = encoder.distance(view.observe(*(columns[spread] for columns in _transitions(episode))))
+    beta, n_values, df = (values.cpu().double().numpy() for values in distance)
     if np.isinf(df).all():
         levels: Floats = chi2.cdf(beta, n_values)
     else:
@@ -207,7 +213,7 @@ def _levels(view: AgentView, encoder: BrunoEncoder, episode: Episode) -> Floats:
 
 
 def _principal_axes(means: Floats) -> tuple[Floats, Floats]:
-    """Points (..., dim) on their two principal axes (..., 2), and the share of the variance on each (2,)."""
+    """Project points (..., dim) on their two principal axes (..., 2); tell the share of the variance on each (2,)."""
     known = means[~np.isnan(means).any(axis=-1)]
     center = known.mean(axis=0)
     _, spread, axes = np.linalg.svd(known - center, full_matrices=False)

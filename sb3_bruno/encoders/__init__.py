@@ -3,6 +3,7 @@
 from sb3_bruno.encoders.abilities import HasPosterior, MeasuresDistance, Outcomes, Predicts
 from sb3_bruno.encoders.base import Loss, TaskEncoder, TaskSequences, Transitions
 from sb3_bruno.encoders.bruno import BrunoEncoder
+from sb3_bruno.encoders.checker import check_encoder
 from sb3_bruno.encoders.recurrent import RecurrentEncoder
 from sb3_bruno.encoders.registry import ENCODERS, find_encoder
 
@@ -18,5 +19,6 @@ __all__ = [
     "TaskEncoder",
     "TaskSequences",
     "Transitions",
+    "check_encoder",
     "find_encoder",
 ]

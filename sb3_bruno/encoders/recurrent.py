@@ -4,7 +4,7 @@
 
 It has no loss of its own: the gradient of the critics' or the actor's loss teaches it. This is RL^2 (Duan et al. 2016,
 arXiv 1611.02779) with an off-policy actor-critic, as in Ni, Eysenbach and Salakhutdinov, Recurrent Model-Free RL Can Be
-a Strong Baseline for Many POMDPs (2022, arXiv 2110.05038).
+a Strong Baseline for Many POMDPs (2022, arXiv 2110.05038). Deviations: ``docs/recurrent.md``.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class RecurrentEncoder(TaskEncoder[RecurrentMemory]):
     """
 
     order: Order = "time"
-    learning_rate: ClassVar[float] = 1e-4  # well below the critics': Ni et al. (2022), section 5
+    learning_rate: ClassVar[float] = 1e-4  # well below the critics': Luo et al. (2024, arXiv 2405.15384)
     search_space: ClassVar[Mapping[str, Sequence[Any]]] = {"cell": ("gru", "lstm"), "hidden_size": (32, 64, 128)}
 
     def __init__(

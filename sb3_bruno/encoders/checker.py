@@ -1,0 +1,125 @@
+"""Checks that an encoder keeps its promises, as SB3's ``check_env`` does for environments."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch as th
+from torch import Tensor
+
+from sb3_bruno.encoders.base import AnyMemory, TaskEncoder, TaskSequences, Transitions, choose_memory, map_memory
+
+_BATCH, _TIME, _TASK_DIM = 3, 6, 2
+
+
+def check_encoder(
+    encoder_class: type[TaskEncoder], *, observation_dim: int = 3, action_dim: int = 2, **encoder_kwargs: Any
+) -> None:
+    """Build an encoder and try it on random transitions.
+
+    Args:
+        encoder_class: the encoder's class.
+        observation_dim: size of the observations.
+        action_dim: size of the actions.
+        **encoder_kwargs: further arguments of the encoder.
+
+    Raises:
+        ValueError: naming the promise that it breaks, and what to look at. Torch's random state is as it was before.
+    """
+    with th.random.fork_rng([]):
+        th.manual_seed(0)
+        encoder = encoder_class.build(observation_dim, action_dim, _TASK_DIM, **encoder_kwargs).double()
+        transitions = _random_transitions(observation_dim, action_dim)
+        _check_shapes(encoder, transitions)
+        _check_prefixes(encoder, transitions)
+        _check_weights(encoder, transitions, _random_transitions(observation_dim, action_dim))
+        _check_order(encoder, transitions)
+        _check_learning(encoder, transitions)
+
+
+def _random_transitions(observation_dim: int, action_dim: int) -> Transitions:
+    dims = (observation_dim, action_dim, 1, observation_dim)
+    return Transitions(*(th.randn(_BATCH, _TIME, dim, dtype=th.float64) for dim in dims))
+
+
+def _check_shapes(encoder: TaskEncoder, transitions: Transitions) -> None:
+    for batch_shape in ((), (_BATCH,), (2, _BATCH)):
+        belief = encoder.belief(encoder.empty(batch_shape))
+        wanted = (*batch_shape, encoder.belief_dim)
+        if belief.shape != wanted:
+            raise ValueError(f"`belief(empty({batch_shape}))` has shape {tuple(belief.shape)}: make it {wanted}.")
+    beliefs = encoder.belief(encoder.prefixes(transitions))
+    if beliefs.shape != (_BATCH, _TIME + 1, encoder.belief_dim):
+        raise ValueError(
+            f"`prefixes` of {_TIME} transitions gives beliefs of shape {tuple(beliefs.shape)}: make it "
+            f"{(_BATCH, _TIME + 1, encoder.belief_dim)}, with the memory of no transitions first."
+        )
+    if not beliefs.isfinite().all():
+        raise ValueError("`belief` is not finite on standard normal transitions: look for a division or a logarithm.")
+
+
+def _check_prefixes(encoder: TaskEncoder, transitions: Transitions) -> None:
+    prefixes, memory = encoder.prefixes(transitions), encoder.empty((_BATCH,))
+    for t in range(_TIME + 1):
+        if not _same(encoder, memory, _at(prefixes, t)):
+            what = "`empty`" if t == 0 else f"`absorb` of {t} transitions one by one"
+            raise ValueError(f"`prefixes` at {t} differs from {what}: acting and training would disagree.")
+        if t < _TIME:
+            memory = encoder.absorb(memory, Transitions(*(column[:, t] for column in transitions)))
+
+
+def _check_weights(encoder: TaskEncoder, transitions: Transitions, others: Transitions) -> None:
+    """The transition in the middle and the last one do not count."""
+    weights = th.ones(_BATCH, _TIME, dtype=th.float64)
+    weights[:, [_TIME // 2, _TIME - 1]] = 0
+    prefixes, memory = encoder.prefixes(transitions, weights), encoder.empty((_BATCH,))
+    for t in range(_TIME):
+        after = encoder.absorb(memory, Transitions(*(column[:, t] for column in transitions)))
+        memory = choose_memory(weights[:, t, None] > 0, after, memory)
+        if not _same(encoder, memory, _at(prefixes, t + 1)):
+            raise ValueError(
+                f"`prefixes` at {t + 1} does not leave out transitions of weight 0: let them hold the memory."
+            )
+    mixed = [th.where(weights[..., None] > 0, a, b) for a, b in zip(transitions, others, strict=True)]
+    if not _same(encoder, prefixes, encoder.prefixes(Transitions(*mixed), weights)):
+        raise ValueError("`prefixes` depends on transitions of weight 0: they may be padding, so leave them out.")
+
+
+def _check_order(encoder: TaskEncoder, transitions: Transitions) -> None:
+    turned = Transitions(*(column.flip(-2) for column in transitions))
+    if encoder.order == "any" and not _same(
+        encoder, _at(encoder.prefixes(transitions), -1), _at(encoder.prefixes(turned), -1)
+    ):
+        raise ValueError(
+            "`order = 'any'`, but the belief depends on the order of the transitions: set `order = 'time'`."
+        )
+
+
+def _check_learning(encoder: TaskEncoder, transitions: Transitions) -> None:
+    loss = encoder.loss(TaskSequences(transitions, th.randn(_BATCH, _TASK_DIM, dtype=th.float64)))
+    total = th.zeros(())
+    if loss is not None:
+        scalars = {"total": loss.total, **loss.scalars}
+        wrong = [name for name, scalar in scalars.items() if scalar.shape != ()]
+        if wrong:
+            raise ValueError(f"`loss` returns {wrong} of other shapes than (): take their means.")
+        total = total + loss.total
+    if encoder.learns_from != "own":
+        total = total + encoder.belief(encoder.prefixes(transitions)).square().sum()
+    if not total.requires_grad:
+        return  # it has nothing to learn
+    total.backward()
+    parameters = dict(encoder.named_parameters())
+    unreached = [name for name, parameter in parameters.items() if parameter.requires_grad and parameter.grad is None]
+    if unreached:
+        raise ValueError(f"no gradient reaches {unreached}: use them in what is learned, or remove them.")
+
+
+def _at(prefixes: AnyMemory, index: int) -> AnyMemory:
+    return map_memory(lambda states: states[:, index], prefixes)
+
+
+def _same(encoder: TaskEncoder, memory: AnyMemory, other: AnyMemory) -> bool:
+    """Whether two memories give the same belief."""
+    beliefs: tuple[Tensor, Tensor] = encoder.belief(memory), encoder.belief(other)
+    return th.allclose(*beliefs, rtol=1e-6, atol=1e-8)
