@@ -15,7 +15,7 @@ from sb3_bruno.algorithms.beliefs import AgentView, TaskBelief
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.diagnostics.result import Diagnostics, Floats
 from sb3_bruno.encoders import BrunoEncoder, Transitions
-from sb3_bruno.evaluation.episodes import Episode, pad_episodes, record_episodes
+from sb3_bruno.evaluation.episodes import Episode, pad_episodes, play_episodes
 
 __all__ = ["Diagnostics", "diagnose"]
 
@@ -62,7 +62,7 @@ def diagnose(
         The measurements; ``summary()`` and ``plot_diagnostics`` show them.
 
     Raises:
-        ValueError: if the encoder is no ``BrunoEncoder``, or as ``record_episodes``.
+        ValueError: if the encoder is no ``BrunoEncoder``, or as ``play_episodes``.
     """
     encoder = model.policy.encoder
     if not isinstance(encoder, BrunoEncoder):
@@ -71,7 +71,7 @@ def diagnose(
         )
 
     def record(tasks: ArrayLike, seed: int) -> list[list[Episode]]:
-        return record_episodes(model, make_env, tasks, n_episodes=n_episodes, seed=seed, vec_normalize=vec_normalize)
+        return play_episodes(model, make_env, tasks, n_episodes=n_episodes, seed=seed, vec_normalize=vec_normalize)
 
     inside = record(tasks, seed)
     outside = None if outside_tasks is None else record(outside_tasks, seed + 1)

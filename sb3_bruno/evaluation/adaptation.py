@@ -12,7 +12,7 @@ from stable_baselines3.common.type_aliases import PolicyPredictor
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
-from sb3_bruno.evaluation.episodes import pad_episodes, record_episodes
+from sb3_bruno.evaluation.episodes import pad_episodes, play_episodes
 from sb3_bruno.evaluation.versions import library_versions
 
 
@@ -47,7 +47,7 @@ def evaluate_adaptation(
     Raises:
         ValueError: if an argument is invalid, or the environment does not take the task that it is given.
     """
-    episodes = record_episodes(
+    episodes = play_episodes(
         model,
         make_env,
         tasks,

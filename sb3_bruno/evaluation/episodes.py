@@ -35,7 +35,7 @@ class Episode(NamedTuple):
     inner_ends: NDArray[np.bool_]
 
 
-def record_episodes(
+def play_episodes(
     model: PolicyPredictor,
     make_env: Callable[[], gym.Env[Any, Any]],
     tasks: ArrayLike,

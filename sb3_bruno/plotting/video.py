@@ -18,7 +18,7 @@ from sb3_bruno.evaluation.adaptation_result import FEW_TASKS, task_label
 Frames = list[NDArray[np.uint8]]
 
 
-def record_tasks(
+def film_tasks(
     model: TaskInference,
     make_env: Callable[[], gym.Env[Any, Any]],
     tasks: ArrayLike,

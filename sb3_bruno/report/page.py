@@ -11,12 +11,12 @@ import pandas as pd
 
 from sb3_bruno.evaluation.interquartile import Interval, interquartile_mean
 from sb3_bruno.plotting.style import Band, plot_bands, task_title
-from sb3_bruno.runs.record import Record
+from sb3_bruno.runs.record import RunRecord
 
-Methods = dict[str, list[Record]]
+Methods = dict[str, list[RunRecord]]
 
 
-def write_page(records: Sequence[Record], out: Path) -> str:
+def write_page(records: Sequence[RunRecord], out: Path) -> str:
     """Write the table and the figures of all records to a folder.
 
     :return: the table, in Markdown
@@ -38,7 +38,7 @@ def write_page(records: Sequence[Record], out: Path) -> str:
     return page
 
 
-def check_budgets(records: Iterable[Record]) -> None:
+def check_budgets(records: Iterable[RunRecord]) -> None:
     """Refuse a mean over runs of one method that differ in env, length or the tasks of their test."""
     budgets: dict[str, set[str]] = {}
     tasks: dict[str, set[str]] = {}
@@ -160,20 +160,20 @@ def _title(task: str, methods: Methods) -> str:
     return f"{max(run.episodes['task'].nunique() for run in _all(methods))} tasks"
 
 
-def _knows_its_clock(run: Record) -> bool:
+def _knows_its_clock(run: RunRecord) -> bool:
     return "seconds" in run.learning and bool(run.learning["seconds"].notna().all())
 
 
-def _all(methods: Methods) -> list[Record]:
+def _all(methods: Methods) -> list[RunRecord]:
     return [run for runs in methods.values() for run in runs]
 
 
-def _config(run: Record) -> Mapping[str, Any]:
+def _config(run: RunRecord) -> Mapping[str, Any]:
     config: Mapping[str, Any] = run.about["config"]
     return config
 
 
-def _minutes(run: Record) -> str:
+def _minutes(run: RunRecord) -> str:
     seconds = _config(run).get("wall_seconds")
     return "?" if seconds is None else f"{seconds / 60:.0f}"
 

@@ -23,7 +23,7 @@ HORIZONS = (200, 1_000)
 _ABOUT, _CURVE, _EPISODES, _REWARDS = "run.json", "learning_curve.csv", "episodes.csv", "rewards.csv"
 
 
-class Record(NamedTuple):
+class RunRecord(NamedTuple):
     """One run.
 
     Attributes:
@@ -60,7 +60,7 @@ class Record(NamedTuple):
             table.to_csv(folder / name, index=False, float_format="%.7g", lineterminator="\n")
 
     @classmethod
-    def load(cls, folder: str | Path) -> Record:
+    def load(cls, folder: str | Path) -> RunRecord:
         """Read what ``save`` wrote."""
         folder = Path(folder)
         about = json.loads((folder / _ABOUT).read_text(encoding="utf-8"))
@@ -68,7 +68,7 @@ class Record(NamedTuple):
         return cls(about, *(pd.read_csv(folder / name, **read) for name in (_CURVE, _EPISODES, _REWARDS)))
 
     @classmethod
-    def from_run(cls, folder: str | Path) -> Record:
+    def from_run(cls, folder: str | Path) -> RunRecord:
         """What to keep of a run's folder, which holds the curve of TaskEvalCallback and ``adaptation.json``.
 
         Raises:

@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno import BrunoEncoder, BrunoSAC, Transitions
 from sb3_bruno.diagnostics.diagnose import diagnose
-from sb3_bruno.evaluation.episodes import record_episodes
+from sb3_bruno.evaluation.episodes import play_episodes
 from sb3_bruno_envs import POINT_DIR_TASKS, MetaTask, TransitionObservation
 
 SMALL = {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}}
@@ -148,7 +148,7 @@ def test_what_is_found_is_what_the_agent_believed(normalize: bool) -> None:
         normalizer.obs_rms["reward"].var[:] = 4.0
     tasks = POINT_DIR_TASKS.tasks("test")
     found = diagnose(model, make_point_dir, tasks, n_episodes=2, seed=5, vec_normalize=normalizer)
-    recorded = record_episodes(model, make_point_dir, tasks, n_episodes=2, seed=5, vec_normalize=normalizer)
+    recorded = play_episodes(model, make_point_dir, tasks, n_episodes=2, seed=5, vec_normalize=normalizer)
     model._vec_normalize_env = normalizer
     for of_task, points, real in zip(recorded, found.beliefs, found.real, strict=True):
         np.testing.assert_array_equal(real, of_task[0].rewards)
@@ -186,7 +186,7 @@ def test_beliefs_of_a_trial_leave_out_what_the_agent_was_not_shown() -> None:
             means.append(model.belief(state).mean[0])
             return actions, state
 
-    ((episode,),) = record_episodes(Noting(), lambda: gym.make(env_id, n_episodes=2), task, n_episodes=1)
+    ((episode,),) = play_episodes(Noting(), lambda: gym.make(env_id, n_episodes=2), task, n_episodes=1)
     assert np.flatnonzero(episode.inner_ends).tolist() == [19]
     carried = np.abs(np.concatenate(means))  # one latent dimension, whose prior mean is 0
     assert carried[20] == carried[19] != carried[18]
@@ -197,8 +197,8 @@ def test_bounds_are_the_encoders_own_in_the_order_of_the_episode() -> None:
     model = point_dir(extra_dims=0)  # no noise, so no draw to agree on
     tasks = POINT_DIR_TASKS.tasks("test")
     found = diagnose(model, make_point_dir, tasks, n_episodes=2, outside_tasks=tasks[:1])
-    outside = record_episodes(model, make_point_dir, tasks[:1], n_episodes=2, seed=1)
-    inside = record_episodes(model, make_point_dir, tasks, n_episodes=2, seed=0)
+    outside = play_episodes(model, make_point_dir, tasks[:1], n_episodes=2, seed=1)
+    inside = play_episodes(model, make_point_dir, tasks, n_episodes=2, seed=0)
     for recorded, bounds in ((inside, found.bounds), (outside, found.outside_bounds)):
         assert bounds is not None
         for episodes, rows in zip(recorded, bounds, strict=True):

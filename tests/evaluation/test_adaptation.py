@@ -16,8 +16,7 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from sb3_bruno import evaluation
-from sb3_bruno.evaluation import evaluate_adaptation, library_versions
+from sb3_bruno.evaluation import evaluate_adaptation, library_versions, versions
 from sb3_bruno_envs import POINT_DIR_TASKS
 
 NAN = np.nan
@@ -201,7 +200,7 @@ def test_commit_is_that_of_the_clone_that_tracks_the_file(tmp_path: Path) -> Non
 
     file = tmp_path / "module.py"
     file.write_text("one\n")
-    commit: Callable[[Path], str | None] = evaluation._git_commit
+    commit: Callable[[Path], str | None] = versions._git_commit
     git("init")
     assert commit(file) is None  # not tracked: say, installed into a virtual environment inside some clone
     git("add", "module.py")
