@@ -13,8 +13,8 @@ from sb3_bruno.cli.parser import add_arguments, command_parser
 from sb3_bruno.diagnostics.diagnose import diagnose as measure
 from sb3_bruno.diagnostics.figure import plot_diagnostics
 from sb3_bruno.evaluation.adaptation import evaluate_adaptation
-from sb3_bruno.evaluation.adaptation_result import FEW_TASKS
 from sb3_bruno.evaluation.eval_callback import load_learning_curve
+from sb3_bruno.evaluation.task_names import FEW_TASKS
 from sb3_bruno.plotting.curves import plot_adaptation, plot_learning_curves
 from sb3_bruno.plotting.video import film_tasks
 from sb3_bruno.zoo.mistake import Mistake

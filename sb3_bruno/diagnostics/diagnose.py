@@ -13,9 +13,10 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.algorithms.beliefs import AgentView, TaskBelief
 from sb3_bruno.algorithms.task_inference import TaskInference
-from sb3_bruno.diagnostics.result import Diagnostics, Floats
+from sb3_bruno.diagnostics.result import Diagnostics
 from sb3_bruno.encoders import BrunoEncoder, Transitions
 from sb3_bruno.evaluation.episodes import Episode, pad_episodes, play_episodes
+from sb3_bruno.evaluation.floats import Floats
 
 __all__ = ["Diagnostics", "diagnose"]
 

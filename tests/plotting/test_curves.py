@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
+from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.eval_callback import LearningCurve
 from sb3_bruno.plotting.curves import adaptation_band, learning_band, plot_adaptation, plot_learning_curves
-from sb3_bruno.plotting.style import COLORS, Band, plot_bands
+from sb3_bruno.plotting.style import COLORS, plot_bands
 
 NAN = np.nan
 
