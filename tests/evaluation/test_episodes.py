@@ -1,4 +1,4 @@
-"""Whole episodes are recorded as they were: where they led, where they ended, nothing of the next one."""
+"""Whole episodes are returned as they were: where they led, where they ended, nothing of the next episode."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sb3_bruno.evaluation.episodes import pad_episodes, play_episodes
 
 
 class CountEnv(gym.Env[Any, NDArray[np.float32]]):
-    """Observes the number of steps and the task, which says how many there are; pays ten times the number."""
+    """Shows the step's number and the task, which is the number of steps; pays ten times the step's number."""
 
     action_space = Box(-np.inf, np.inf, (1,))
 
@@ -45,7 +45,7 @@ class CountEnv(gym.Env[Any, NDArray[np.float32]]):
 
 
 class Double:
-    """Acts twice what it sees of the number of steps, whatever the form of the observation."""
+    """Returns twice the number of steps that it observes, in an array or a Dict."""
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False

@@ -1,4 +1,4 @@
-"""What is kept of a run: the numbers are those of the test and of the curve, and a page is made of them."""
+"""The record of a run holds the numbers of its test and of its curve, and a page is made of records."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DIRECTIONS = np.array([[1.0, 0.0], [0.0, 1.0]])
 
 
 def run_folder(folder: Path, seed: int, algo: str = "bruno_sac", tasks: np.ndarray = DIRECTIONS, **config) -> Path:
-    """As ``train`` and ``evaluate`` leave one: two evaluations, and a test of 210 steps of reward ``seed``."""
+    """Write a folder as ``train`` and ``evaluate`` do: two evaluations, and a test of 210 steps of reward ``seed``."""
     folder.mkdir(parents=True)
     rewards = np.full((len(tasks), 3, 210), float(seed))
     rewards[0, 0] = -1.0  # the lowest episode
@@ -38,8 +38,8 @@ def test_a_record_holds_the_curve_and_the_test_and_reads_back(tmp_path: Path) ->
     record.save(tmp_path / "record")
     read = RunRecord.load(tmp_path / "record")
     assert read.about == record.about and read.about["versions"]["commit"] == "abcdef012345"
-    for one, two in zip(read[1:], record[1:], strict=True):
-        pd.testing.assert_frame_equal(one, two.reset_index(drop=True), check_dtype=False)
+    for table, saved in zip(read[1:], record[1:], strict=True):
+        pd.testing.assert_frame_equal(table, saved.reset_index(drop=True), check_dtype=False)
     assert read.learning["return"].tolist() == [3.0, 4.0, 5.0, 6.0]
     assert read.learning["task"].tolist() == ["1_0", "0_1"] * 2
     assert read.scores("return_200").to_dict() == pytest.approx({"1_0": (-200 + 2 * 600) / 3, "0_1": 600})
