@@ -5,7 +5,7 @@ import pytest
 from sb3_bruno import BrunoSAC, quickstart
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.eval_callback import load_learning_curve
-from sb3_bruno.runs.record import Record
+from sb3_bruno.runs.record import RunRecord
 
 pytestmark = pytest.mark.mujoco
 
@@ -32,7 +32,7 @@ def test_it_trains_tests_saves_and_says_so(tmp_path, capsys):
     assert load_learning_curve(folder).timesteps.tolist() == [40, 80]
     for name in ("adaptation.png", "learning_curve.png"):
         assert (folder / name).stat().st_size > 10_000
-    assert Record.from_run(folder).about["config"]["seed"] == 3  # what a results page asks for is there
+    assert RunRecord.from_run(folder).about["config"]["seed"] == 3  # what a results page asks for is there
 
 
 def test_the_same_command_goes_on_where_it_was_interrupted(tmp_path, capsys, monkeypatch):

@@ -13,10 +13,10 @@ from sb3_bruno.cli.parser import add_arguments, command_parser
 from sb3_bruno.diagnostics.diagnose import diagnose as measure
 from sb3_bruno.diagnostics.figure import plot_diagnostics
 from sb3_bruno.evaluation.adaptation import evaluate_adaptation
-from sb3_bruno.evaluation.adaptation_result import FEW_TASKS
 from sb3_bruno.evaluation.eval_callback import load_learning_curve
+from sb3_bruno.evaluation.task_names import FEW_TASKS
 from sb3_bruno.plotting.curves import plot_adaptation, plot_learning_curves
-from sb3_bruno.plotting.video import record_tasks
+from sb3_bruno.plotting.video import film_tasks
 from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.trained import load_trained
 
@@ -60,7 +60,7 @@ def evaluate(arguments: list[str]) -> None:
         chosen = agent.tasks[np.linspace(0, len(agent.tasks) - 1, min(len(agent.tasks), FEW_TASKS)).astype(int)]
         shown = partial(agent.make_env, render_mode="rgb_array")
         video = out / "adaptation.mp4"
-        record_tasks(agent.model, shown, chosen, video, seed=options.seed, vec_normalize=agent.vec_normalize)
+        film_tasks(agent.model, shown, chosen, video, seed=options.seed, vec_normalize=agent.vec_normalize)
         print(f"Saved {video}")
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from sb3_bruno.cli.parser import command_parser
 from sb3_bruno.report.page import check_budgets, write_page
-from sb3_bruno.runs.record import Record
+from sb3_bruno.runs.record import RunRecord
 from sb3_bruno.zoo.mistake import Mistake
 
 
@@ -40,16 +40,16 @@ def report(arguments: list[str]) -> None:
         raise Mistake(str(error)) from error
 
 
-def _recorded(out: Path) -> dict[Path, Record]:
+def _recorded(out: Path) -> dict[Path, RunRecord]:
     """What a page's folder holds, by the folder of each run."""
-    return {path.parent: Record.load(path.parent) for path in sorted(out.glob("*/*/run.json"))}
+    return {path.parent: RunRecord.load(path.parent) for path in sorted(out.glob("*/*/run.json"))}
 
 
-def _records_of(runs: Sequence[Path]) -> dict[str, Record]:
+def _records_of(runs: Sequence[Path]) -> dict[str, RunRecord]:
     """What to keep of each run, by the folder that keeps it."""
-    records: dict[str, Record] = {}
+    records: dict[str, RunRecord] = {}
     for run in runs:
-        record = Record.from_run(run)
+        record = RunRecord.from_run(run)
         folder = f"{_folder_name(record.method)}/seed{record.about['config']['seed']}"
         if folder in records:
             raise Mistake(f"{run} is a second run of {folder}: one run per method and seed goes on a page; give one")

@@ -1,4 +1,4 @@
-"""A callback that diagnoses the belief while training: numbers and figure in the log, both and the arrays on disk."""
+"""A callback that diagnoses the belief while training; logs numbers and figure, and writes both and the arrays."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from sb3_bruno.diagnostics.figure import draw_diagnostics
 
 
 class DiagnosticsCallback(BaseCallback):
-    """Logs the numbers of ``diagnose`` as ``diagnostics/...``, and the figure where TensorBoard listens.
+    """Logs the numbers of ``diagnose`` as ``diagnostics/...``, and the figure for TensorBoard.
 
     Needs the ``plots`` extra.
 
     Args:
         make_env: makes one environment with a time limit, as for ``diagnose``.
         tasks: the tasks to give at reset, ``(n_tasks, task_dim)``.
-        freq: calls of the callback between two diagnoses; each is a step of all training environments.
-        n_episodes: per task.
+        freq: calls of the callback between two diagnoses; in each call, all training environments take a step.
+        n_episodes: episodes of each task.
         outside_tasks: tasks that should raise the alarm, ``(n_outside, task_dim)``.
         seed: of the episodes, the same every time.
-        log_path: a folder for ``diagnostics_<env steps>.npz`` and ``.png``; None writes nothing.
+        log_path: the folder for ``diagnostics_<env steps>.npz`` and ``.png``; None writes no files.
         verbose: 1 prints each summary.
 
     Raises:
-        ValueError: if ``freq`` is not positive, or the model that it is used with infers no task.
+        ValueError: if ``freq`` is not positive, or the trained model has no belief.
     """
 
     model: TaskInference

@@ -13,11 +13,12 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.algorithms.beliefs import AgentView, TaskBelief
 from sb3_bruno.algorithms.task_inference import TaskInference
-from sb3_bruno.diagnostics.result import Diagnostics, Floats
+from sb3_bruno.diagnostics.result import Diagnostics
 from sb3_bruno.encoders import HasPosterior, MeasuresDistance, Predicts, Transitions
 from sb3_bruno.encoders.abilities import check_ability
 from sb3_bruno.encoders.base import map_memory
-from sb3_bruno.evaluation.episodes import Episode, pad_episodes, record_episodes
+from sb3_bruno.evaluation.episodes import Episode, pad_episodes, play_episodes
+from sb3_bruno.evaluation.floats import Floats
 
 __all__ = ["Diagnostics", "diagnose"]
 
@@ -65,17 +66,17 @@ def diagnose(
         The measurements; ``summary()`` and ``plot_diagnostics`` show them.
 
     Raises:
-        ValueError: if the encoder lacks an ability, or as ``record_episodes``.
+        ValueError: if the encoder lacks an ability, or as ``play_episodes``.
     """
     encoder = model.policy.encoder
     for ability in (HasPosterior, Predicts):
         check_ability(encoder, ability, "`diagnose`")
 
-    def record(tasks: ArrayLike, seed: int) -> list[list[Episode]]:
-        return record_episodes(model, make_env, tasks, n_episodes=n_episodes, seed=seed, vec_normalize=vec_normalize)
+    def play(tasks: ArrayLike, seed: int) -> list[list[Episode]]:
+        return play_episodes(model, make_env, tasks, n_episodes=n_episodes, seed=seed, vec_normalize=vec_normalize)
 
-    inside = record(tasks, seed)
-    outside = None if outside_tasks is None else record(outside_tasks, seed + 1)
+    inside = play(tasks, seed)
+    outside = None if outside_tasks is None else play(outside_tasks, seed + 1)
     view, rng = AgentView(model.policy, vec_normalize), np.random.default_rng(seed)
     with th.no_grad(), th.random.fork_rng([model.device] if model.device.type == "cuda" else []):
         th.manual_seed(seed)

@@ -1,4 +1,4 @@
-"""One figure of a belief's diagnostics: calibration, distances, alarm, bound, trajectories, predictions."""
+"""Draws a belief's diagnostics in one figure: calibration, distances, alarm, bound, trajectories, predictions."""
 
 from __future__ import annotations
 
@@ -8,26 +8,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sb3_bruno.diagnostics.result import Diagnostics, Floats
-from sb3_bruno.plotting.style import COLORS, INK, style_panel, task_title
+from sb3_bruno.diagnostics.result import Diagnostics
+from sb3_bruno.evaluation.band import Band
+from sb3_bruno.evaluation.floats import Floats
+from sb3_bruno.evaluation.task_names import task_title
+from sb3_bruno.plotting.style import COLORS, INK, draw_band, style_panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MAX_NAMED = 4  # lines of one panel that the legend names; of more, all have one colour
+_MAX_NAMED = 4  # up to so many lines of a panel have a name and a colour each; more share one colour
 _MAX_TRACES = 2  # tasks whose prediction is drawn
-_ALARM_REACH = 4  # times their range, beyond which scores are drawn no further from those inside
-_GREY = "#9A9A9A"  # what would be ideal
+_ALARM_REACH = 4  # scores are drawn up to so many times the range of the inside scores away from them
+_GREY = "#9A9A9A"  # lines that show the ideal
 
 
 def plot_diagnostics(diagnostics: Diagnostics, path: str | Path) -> None:
-    """Write the figure of ``draw_diagnostics``; the suffix of ``path`` chooses the format."""
+    """Write the figure of ``draw_diagnostics`` to ``path``, whose suffix chooses the format."""
     draw_diagnostics(diagnostics).savefig(path, dpi=150)
 
 
 def draw_diagnostics(diagnostics: Diagnostics) -> Figure:
-    """Draw all six diagnostics, on a figure that pyplot does not know. Needs the ``plots`` extra."""
+    """Draw all six diagnostics, on a figure made without pyplot. Needs the ``plots`` extra."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -40,7 +43,7 @@ def draw_diagnostics(diagnostics: Diagnostics) -> Figure:
 
 
 def _draw_pit(panel: Axes, found: Diagnostics) -> None:
-    """Histograms of the PIT: flat if calibrated, a hump if too wide, a cup if too narrow."""
+    """Draw histograms of the PIT: flat if calibrated, a hump if too wide, a cup if too narrow."""
     half, most = (_percent(found.coverage(level).mean()) for level in (0.5, 0.9))
     style_panel(panel, f"Calibration: {half} within 50 %, {most} within 90 %")
     edges = np.linspace(0.0, 1.0, 21)
@@ -58,7 +61,7 @@ def _draw_pit(panel: Axes, found: Diagnostics) -> None:
 
 
 def _draw_distances(panel: Axes, found: Diagnostics) -> None:
-    """The distribution function of the distances' PIT: the diagonal if calibrated."""
+    """Draw the distribution function of the distances' PIT: the diagonal if calibrated."""
     levels = found.distance_levels.reshape(-1, found.distance_levels.shape[-1])
     style_panel(panel, f"Distance of {len(levels)} sets of transitions")
     few = levels.shape[1] <= _MAX_NAMED
@@ -73,14 +76,14 @@ def _draw_distances(panel: Axes, found: Diagnostics) -> None:
 
 
 def _draw_alarm(panel: Axes, found: Diagnostics) -> None:
-    """Histograms of the scores, inside and outside; what is far outside is in the outermost bars."""
+    """Draw histograms of the inside and the outside scores; the outermost bars hold all scores beyond them too."""
     from matplotlib.ticker import MaxNLocator
 
     groups = {"these tasks": found.scores().ravel()}
     if found.outside_tasks is not None:
         groups["outside tasks"] = found.outside_scores().ravel()
-    told = f": AUROC {found.auroc():.3f}" if len(groups) > 1 else ""
-    style_panel(panel, f"Out-of-distribution alarm{told}")
+    auroc = f": AUROC {found.auroc():.3f}" if len(groups) > 1 else ""
+    style_panel(panel, f"Out-of-distribution alarm{auroc}")
     every, inside = np.concatenate(list(groups.values())), groups["these tasks"]
     reach = max(_ALARM_REACH * np.ptp(inside), 1e-6)
     low, high = max(every.min(), inside.min() - reach), min(every.max(), inside.max() + reach)
@@ -93,18 +96,18 @@ def _draw_alarm(panel: Axes, found: Diagnostics) -> None:
 
 
 def _draw_bounds(panel: Axes, found: Diagnostics) -> None:
-    """The bound at each step: the median episode and the middle half."""
+    """Draw the bound at each step: the median episode and the middle half of the episodes."""
     style_panel(panel, f"Bound on held-out transitions: {found.numbers()['bound_nats']:.2f} nats")
     low, middle, high = np.nanquantile(found.bounds, (0.25, 0.5, 0.75), axis=(0, 1))
     steps = np.arange(1, len(middle) + 1)
-    panel.fill_between(steps, low, high, color=COLORS[0], alpha=0.18, linewidth=0, label="middle half of episodes")
-    panel.plot(steps, middle, color=COLORS[0], linewidth=1.8, label="median episode")
+    band = Band(steps, middle, low, high)
+    draw_band(panel, band, COLORS[0], "median episode", range_name="middle half of episodes")
     panel.margins(x=0.01)
     _label(panel, "environment step", "nats per transition")
 
 
 def _draw_beliefs(panel: Axes, found: Diagnostics) -> None:
-    """Each episode's posterior means, from the prior (a cross) to the end (a dot)."""
+    """Draw the posterior means of each episode, from the prior (a cross) to the end (a dot)."""
     style_panel(panel, f"Posterior means, {_percent(found.explained.sum())} of their variance")
     few = len(found.tasks) <= len(COLORS)
     colors = list(COLORS) if few else _scale(panel, found.tasks[:, 0])
@@ -119,13 +122,13 @@ def _draw_beliefs(panel: Axes, found: Diagnostics) -> None:
 
 
 def _scale(panel: Axes, values: Any) -> list[Any]:
-    """A colour for each value, and the bar that tells which."""
+    """Return a colour for each value, and draw the bar that explains the colours."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     mappable = ScalarMappable(Normalize(values.min(), values.max()), colormaps["viridis"])
-    bar = panel.get_figure().colorbar(mappable, ax=panel)  # type: ignore[union-attr]  # it is on one
+    bar = panel.get_figure().colorbar(mappable, ax=panel)  # type: ignore[union-attr]  # the panel is on a figure
     bar.set_label("task, first dimension", fontsize=12, color=INK)
     bar.outline.set_visible(False)
     bar.ax.tick_params(labelsize=11, colors=INK)
@@ -133,15 +136,14 @@ def _scale(panel: Axes, values: Any) -> list[Any]:
 
 
 def _draw_prediction(panel: Axes, found: Diagnostics) -> None:
-    """What came and what was predicted, one episode each of the first tasks."""
+    """Draw what was predicted and what came, in one episode of each of the first tasks."""
     name = str(found.quantities[0])
     style_panel(panel, f"Predicted and real {name}")
     steps = np.arange(1, found.real.shape[1] + 1)
     for i, color in zip(range(min(len(found.tasks), _MAX_TRACES)), COLORS, strict=False):
         mean, low, high = found.predicted[:, i]
         title = _title(found.tasks[i])
-        panel.fill_between(steps, low, high, color=color, alpha=0.18, linewidth=0)
-        panel.plot(steps, mean, color=color, linewidth=1.2, label=f"{title}: mean, 90 %")
+        draw_band(panel, Band(steps, mean, low, high), color, f"{title}: mean, 90 %", linewidth=1.2)
         panel.plot(steps, found.real[i], color=color, linestyle="", marker=".", markersize=4, label=f"{title}: real")
     panel.margins(x=0.01)
     _label(panel, "environment step", name)

@@ -1,39 +1,40 @@
-"""What diagnostics of a belief found, and the numbers read from it; knows numpy, and scipy where it is used."""
+"""What diagnostics of a belief measured, and the numbers read from it. Knows NumPy, and SciPy where it is used."""
 
 from __future__ import annotations
 
 import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.floating[Any]]
+from sb3_bruno.evaluation.floats import Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnostics:
-    """What ``diagnose`` measured. After an episode's end, everything is NaN.
+    """What ``diagnose`` measured. After the end of an episode, every entry is NaN.
 
     Args:
         tasks: the hidden tasks, ``(n_tasks, task_dim)``.
-        quantities: names of what is modelled, the reward first if it is; of next observations the changes,
-            ``(n_quantities,)``.
-        pit: probability integral transforms of the modelled quantities under the one-step predictive, uniform if
-            that is the truth, ``(n_tasks, n_episodes, n_steps, n_quantities)``.
-        distance_levels: the same of each set's squared Mahalanobis distance, one per latent dimension, or one per
-            scale that dimensions share, ``(n_tasks, n_episodes, n_scales)``.
-        bounds: on the log-density of each transition given those before it, in nats,
+        quantities: names of the modelled quantities, ``(n_quantities,)``: the reward, then the change of each entry of
+            the observation, as far as the encoder models them.
+        pit: probability integral transforms (PIT) of the modelled quantities under the one-step predictive,
+            ``(n_tasks, n_episodes, n_steps, n_quantities)``; uniform if the predictive is right.
+        distance_levels: PIT of the squared Mahalanobis distance of each episode's set of transitions,
+            ``(n_tasks, n_episodes, n_scales)``; there is a scale per latent dimension, or one that all share.
+        bounds: bounds on the log-density of each transition given those before it, in nats,
             ``(n_tasks, n_episodes, horizon)``.
-        beliefs: posterior means after 0, 1, ... transitions on their two principal axes,
+        beliefs: posterior means after 0, 1, ... transitions, on their two principal axes,
             ``(n_tasks, n_episodes, horizon + 1, 2)``.
-        explained: the share of all variance of the posterior means that lies on each of these axes, ``(2,)``.
-        real: the first quantity in each task's first episode, ``(n_tasks, horizon)``.
-        predicted: its predictive mean and the ends of the central 90 % interval, ``(3, n_tasks, horizon)``.
+        explained: the share of the posterior means' variance on each of the two axes, ``(2,)``.
+        real: the first quantity in the first episode of each task, ``(n_tasks, horizon)``.
+        predicted: the predictive mean of that quantity and the ends of its central 90 % interval,
+            ``(3, n_tasks, horizon)``.
         outside_tasks: tasks that the agent should not know, ``(n_outside, task_dim)``, or None.
-        outside_bounds: the bounds on these, ``(n_outside, n_episodes, their horizon)``, or None.
+        outside_bounds: the bounds in episodes of the outside tasks, ``(n_outside, n_episodes, outside_horizon)``, or
+            None.
 
     Raises:
         ValueError: if only one of ``outside_tasks`` and ``outside_bounds`` is None.
@@ -57,15 +58,18 @@ class Diagnostics:
             raise ValueError(f"{missing} is None while the other is not: give both or neither.")
 
     def pit_ks(self) -> Floats:
-        """How far each quantity's PIT is from uniform: the Kolmogorov-Smirnov distance, ``(n_quantities,)``."""
+        """Compute the Kolmogorov-Smirnov distance of each quantity's PIT from uniform, ``(n_quantities,)``."""
         return _distances_from_uniform(self.pit)
 
     def distance_ks(self) -> Floats:
-        """The same of ``distance_levels``, ``(n_scales,)``; with few episodes it is large by chance."""
+        """Compute that distance for ``distance_levels``, ``(n_scales,)``; with few episodes, chance makes it large."""
         return _distances_from_uniform(self.distance_levels)
 
     def coverage(self, level: float) -> Floats:
-        """The share of each quantity's values inside the central interval of ``level``, ``(n_quantities,)``.
+        """Compute the share of each quantity's values in the central predictive interval, ``(n_quantities,)``.
+
+        Args:
+            level: the probability of the interval.
 
         Raises:
             ValueError: if ``level`` is not between 0 and 1.
@@ -78,23 +82,23 @@ class Diagnostics:
         return shares
 
     def scores(self) -> Floats:
-        """How strange each episode is: minus its mean bound, in nats per transition, ``(n_tasks, n_episodes)``."""
+        """Score how strange each episode is: minus its mean bound, nats per transition, ``(n_tasks, n_episodes)``."""
         return _scores(self.bounds)
 
     def outside_scores(self) -> Floats:
-        """The same of the outside episodes, ``(n_outside, n_episodes)``.
+        """Score the outside episodes in the same way, ``(n_outside, n_episodes)``.
 
         Raises:
-            ValueError: if there are none.
+            ValueError: if there are no outside episodes.
         """
         if self.outside_bounds is None:
-            raise ValueError("outside_bounds is None, so nothing is there to alarm: pass outside_tasks to diagnose.")
+            raise ValueError("outside_bounds is None, so there is nothing to score: pass outside_tasks to diagnose.")
         return _scores(self.outside_bounds)
 
     def auroc(self) -> float:
-        """The chance that an outside episode is stranger than an inside one; 0.5 is that of a coin.
+        """Compute the probability that an outside episode scores as stranger than an inside episode.
 
-        The area under the ROC curve, as the Mann-Whitney statistic.
+        This is the area under the ROC curve, computed as the Mann-Whitney statistic. A coin has 0.5.
 
         Raises:
             ValueError: if there are no outside episodes.
@@ -105,7 +109,7 @@ class Diagnostics:
         return float(mannwhitneyu(outside, inside).statistic) / (inside.size * outside.size)
 
     def numbers(self) -> dict[str, float]:
-        """Scalars for a log; a mean over quantities or scales comes with the worst of them."""
+        """Return scalars for a log; each mean over quantities or scales comes with the worst of them."""
         pit_ks, distance_ks = self.pit_ks(), self.distance_ks()
         horizon = self.bounds.shape[-1]
         numbers = {
@@ -124,7 +128,7 @@ class Diagnostics:
         return {name: float(value) for name, value in numbers.items()}
 
     def summary(self) -> str:
-        """The same numbers in words, and each quantity's calibration."""
+        """Write the numbers in words, with the calibration of each quantity."""
         numbers = self.numbers()
         n_tasks, n_episodes, horizon = self.bounds.shape
         width = max(8, *(len(name) for name in self.quantities))
@@ -144,19 +148,18 @@ class Diagnostics:
         return "\n".join(lines)
 
     def save(self, path: str | Path) -> None:
-        """Write everything as npz, exactly; the name is taken as it is."""
-        arrays = {one.name: getattr(self, one.name) for one in fields(self)}
+        """Write all arrays as npz, exactly; ``path`` gets no suffix."""
+        arrays = {field.name: getattr(self, field.name) for field in fields(self)}
+        known = {name: array for name, array in arrays.items() if array is not None}
         with Path(path).open("wb") as file:
-            np.savez_compressed(
-                file, allow_pickle=False, **{key: one for key, one in arrays.items() if one is not None}
-            )
+            np.savez_compressed(file, allow_pickle=False, **known)
 
     @classmethod
     def load(cls, path: str | Path) -> Diagnostics:
         """Read what ``save`` wrote.
 
         Raises:
-            ValueError: if the file is not such a result.
+            ValueError: if the file holds no such result.
         """
         try:
             with np.load(path, allow_pickle=False) as stored:
@@ -166,7 +169,7 @@ class Diagnostics:
 
 
 def _distances_from_uniform(levels: Floats) -> Floats:
-    """The Kolmogorov-Smirnov distance of each entry of the last axis from uniform, NaN left out."""
+    """Compute the Kolmogorov-Smirnov distance from uniform for each entry of the last axis, without NaN."""
     from scipy.stats import kstest
 
     columns = levels.reshape(-1, levels.shape[-1]).T
@@ -174,5 +177,6 @@ def _distances_from_uniform(levels: Floats) -> Floats:
 
 
 def _scores(bounds: Floats) -> Floats:
+    """Return minus the mean over an episode's steps, without NaN: ``(..., horizon)`` to ``(...)``."""
     scores: Floats = -np.nanmean(bounds, axis=-1)
     return scores

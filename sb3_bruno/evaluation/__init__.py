@@ -1,4 +1,4 @@
-"""How a model does on given tasks: episodes, rewards, learning curves. Knows no algorithm."""
+"""How well a model does on given tasks: episodes, rewards, learning curves. Knows no algorithm."""
 
 from sb3_bruno.evaluation.adaptation import evaluate_adaptation
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult

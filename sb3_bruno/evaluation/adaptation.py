@@ -1,4 +1,4 @@
-"""The rewards that a model earns on given tasks, episode by episode, with all that tells how they were made."""
+"""Measures the rewards that a model earns on given tasks, and keeps with them how they were made."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stable_baselines3.common.type_aliases import PolicyPredictor
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
-from sb3_bruno.evaluation.episodes import pad_episodes, record_episodes
+from sb3_bruno.evaluation.episodes import pad_episodes, play_episodes
 from sb3_bruno.evaluation.versions import library_versions
 
 
@@ -28,26 +28,26 @@ def evaluate_adaptation(
     max_envs: int = 64,
     config: Mapping[str, Any] | None = None,
 ) -> AdaptationResult:
-    """Run whole episodes of every task, many side by side, each without a state to start from.
+    """Play whole episodes of every task, many side by side; each starts without a state, so without a belief.
 
     Args:
         model: anything with SB3's ``predict``; its ``state`` is carried through each episode.
         make_env: makes one environment with a time limit; called up to ``max_envs`` times.
         tasks: the tasks to give at reset, ``(n_tasks, task_dim)``.
-        n_episodes: per task.
-        deterministic: whether the model acts without noise; if not, torch's seed decides the numbers too.
-        seed: gives every episode a reset seed of its own, the same for any ``max_envs``.
-        vec_normalize: the training environment's, whose statistics normalise the observations; not updated.
-        max_envs: the number of environments side by side, at most.
-        config: kept in the result, to tell it from others.
+        n_episodes: episodes of each task.
+        deterministic: whether the model acts without noise. If it does not, torch's seed decides the numbers too.
+        seed: gives every episode its own reset seed, the same for any ``max_envs``.
+        vec_normalize: the VecNormalize of training. Its statistics normalise the observations and stay as they are.
+        max_envs: the most environments to step side by side.
+        config: settings to keep in the result, so that it can be told from others.
 
     Returns:
-        The raw rewards; an episode that ends early is padded with NaN.
+        The environment's own rewards; an episode that ends early is padded with NaN.
 
     Raises:
-        ValueError: if an argument is invalid, or the environment does not take the task that it is given.
+        ValueError: if an argument is invalid, a reward is not finite, or the environment ignores the task given to it.
     """
-    episodes = record_episodes(
+    episodes = play_episodes(
         model,
         make_env,
         tasks,

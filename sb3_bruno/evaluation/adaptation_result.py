@@ -1,4 +1,4 @@
-"""The rewards a model earned on given tasks, and what can be read from them; knows numpy, JSON and rliable only."""
+"""The rewards that a model earned on given tasks, and the numbers read from them. Knows NumPy, JSON and rliable."""
 
 from __future__ import annotations
 
@@ -10,33 +10,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from sb3_bruno.evaluation.floats import Floats, mean_of_known
 from sb3_bruno.evaluation.interquartile import Interval, interquartile_mean
-
-Floats = NDArray[np.float64]
-
-FEW_TASKS = 4
-"""As many tasks are shown each by itself, in figures, tables and videos; more are pooled."""
-
-
-def task_label(task: ArrayLike) -> str:
-    """A short name for a task vector, fit for log keys: ``[0.5, -1.0]`` is ``"0.5_-1"``."""
-    values = np.atleast_1d(np.asarray(task, dtype=np.float64)).round(6) + 0.0  # 6e-17 and -0 are 0
-    return "_".join(f"{value:g}" for value in values)
+from sb3_bruno.evaluation.task_names import task_label
 
 
 @dataclass(frozen=True, eq=False)
 class AdaptationResult:
-    """The rewards of every step of every episode, and where they come from.
+    """The reward at every step of every episode, and how the rewards were made.
 
     Args:
         tasks: the hidden tasks, ``(n_tasks, task_dim)``.
-        rewards: the environment's own rewards, ``(n_tasks, n_episodes, horizon)``, NaN after an episode.
-            Single precision, as SB3's VecEnv delivers them; sums and means are double.
-        config: whatever tells this result from others; JSON values only (a tuple becomes a list).
+        rewards: the environment's own rewards, ``(n_tasks, n_episodes, horizon)``, NaN after an episode's end. They
+            have single precision, as SB3's VecEnv delivers them; sums and means have double precision.
+        config: settings that tell this result from others; JSON values only (a tuple becomes a list).
         seed: the seed of the environments.
-        versions: of the libraries that made it.
+        versions: the versions of the libraries that made the result.
 
     Raises:
         ValueError: if the shapes disagree, a reward is infinite or follows a NaN, or ``config`` is not JSON.
@@ -64,23 +55,26 @@ class AdaptationResult:
         return int(self.rewards.shape[2])
 
     def returns(self, horizon: int | None = None) -> Floats:
-        """The sum of the rewards of the first ``horizon`` steps (all without it), ``(n_tasks, n_episodes)``.
+        """Sum the rewards of the first ``horizon`` steps, ``(n_tasks, n_episodes)``; None takes all steps.
 
-        An episode that ended earlier counts with what it had.
+        An episode that ended earlier has the sum of its own steps.
 
         Raises:
             ValueError: if ``horizon`` is not in ``1 .. self.horizon``.
         """
         horizon = self.horizon if horizon is None else horizon
         if not 1 <= horizon <= self.horizon:
-            raise ValueError(f"horizon={horizon} is outside 1 .. {self.horizon}, the steps recorded: evaluate longer.")
+            raise ValueError(f"horizon={horizon} is outside 1 .. {self.horizon}, the recorded steps: evaluate longer.")
         sums: Floats = np.nansum(self.rewards[..., :horizon], axis=-1, dtype=np.float64)
         return sums
 
     def returns_per_episode(self, n_episodes: int) -> Floats:
-        """The return of each inner episode, where an episode is a trial, ``(n_tasks, trials, n_episodes)``.
+        """Compute the return of each inner episode of a trial, ``(n_tasks, n_trials, n_episodes)``.
 
-        Cuts each trial into ``n_episodes`` of equal length: right where its inner episodes end by a time limit alone.
+        Cuts each trial into ``n_episodes`` parts of equal length. So the inner episodes may end by a time limit only.
+
+        Args:
+            n_episodes: inner episodes of each trial.
 
         Example:
             Rewards 0, 1, 2, 3 and ``n_episodes=2``: the returns are 1 and 5.
@@ -101,33 +95,34 @@ class AdaptationResult:
         return sums
 
     def mean_return(self, horizon: int | None = None) -> Floats:
-        """The return of each task, averaged over its episodes, ``(n_tasks,)``."""
+        """Average the return of each task over its episodes, ``(n_tasks,)``."""
         means: Floats = self.returns(horizon).mean(axis=1)
         return means
 
     def iqm(self, horizon: int | None = None, *, n_resamples: int = 2_000, seed: int = 0) -> Interval:
-        """The interquartile mean over all episodes of all tasks, with its 95 % interval, by rliable.
+        """Compute the interquartile mean over all episodes of all tasks, with its 95 % interval.
 
-        The interval says how sure these episodes make us about this model on these tasks, not how other training
-        seeds would fare. Needs the ``plots`` extra.
+        The interval says how well these episodes measure this model on these tasks. It does not say how models of other
+        training seeds would do. Needs the ``plots`` extra.
         """
         return interquartile_mean(self.returns(horizon).T, n_resamples=n_resamples, seed=seed)
 
     def mean_rewards(self) -> Floats:
-        """The reward at each step, ``(n_tasks, horizon)``: the mean of the episodes still running, or NaN."""
-        running = (~np.isnan(self.rewards)).sum(axis=1)
-        sums = np.nansum(self.rewards, axis=1, dtype=np.float64)
-        means: Floats = np.divide(sums, running, out=np.full_like(sums, np.nan), where=running > 0)
-        return means
+        """Average the reward at each step over the episodes still running, ``(n_tasks, horizon)``; NaN if none is."""
+        return mean_of_known(self.rewards, axis=1)
 
     def steps_to_steady(self, fraction: float = 0.9, *, window: int = 5) -> NDArray[np.int64]:
-        """How many steps each task takes to reach its steady reward, ``(n_tasks,)``; 0 is from the start.
+        """Count the steps until each task's reward is nearly steady, ``(n_tasks,)``; 0 means from the start.
 
-        Let ``r`` be the mean rewards per step and ``R`` the steady reward, their mean over the last half of
-        the steps. The answer is the first ``t`` at which ``mean(r[t : t + window])`` has covered ``fraction``
-        of the way from ``r[0]`` to ``R``. So the signs of the rewards do not matter, nor does the way's
-        direction. Looking ahead smooths out a gait's oscillation, at the price of an answer up to half a
-        window early. The time to accelerate counts too: compare with an oracle's.
+        Let ``r`` be the mean reward at each step, and ``R`` the steady reward: the mean of ``r`` over the last half of
+        the steps. The result is the first ``t`` at which ``mean(r[t : t + window])`` has covered ``fraction`` of the
+        way from ``r[0]`` to ``R``. So neither the sign of the rewards nor the direction of the way matters. Averaging
+        over the window smooths out the oscillation of a gait, and the result may be early by up to half a window. The
+        time that the body needs to accelerate counts too, so compare with an oracle's.
+
+        Args:
+            fraction: the part of the way to cover.
+            window: steps to average over, ahead of each step.
 
         Example:
             Rewards -4, -4, -1, -1, -1, -1 and ``window=1``: R = -1, and step 2 is the first at or above -1.3.
@@ -142,7 +137,7 @@ class AdaptationResult:
         return np.array([_steps_to_steady(curve, fraction, window) for curve in self.mean_rewards()])
 
     def summary(self, horizon: int | None = None) -> str:
-        """A table of the returns over the first ``horizon`` steps: a row per task, then all together."""
+        """Write a table of the returns over the first ``horizon`` steps: a row per task, then all together."""
         returns, steps = self.returns(horizon), self.steps_to_steady()
         rows = [*zip(map(task_label, self.tasks), returns, steps, strict=True), ("all", returns, steps)]
         width = max(4, *(len(label) for label, _, _ in rows))
@@ -159,7 +154,7 @@ class AdaptationResult:
         return "\n".join(lines)
 
     def save(self, path: str | Path) -> None:
-        """Write the result as JSON, exactly: ``load`` gives the same numbers. NaN is written as null."""
+        """Write the result as JSON from which ``load`` reads exactly the same numbers; NaN is written as null."""
         document = asdict(self) | {"tasks": self.tasks.tolist(), "rewards": _nan_as_none(self.rewards)}
         Path(path).write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
 
@@ -168,7 +163,7 @@ class AdaptationResult:
         """Read what ``save`` wrote.
 
         Raises:
-            ValueError: if the file is not such a result.
+            ValueError: if the file holds no such result.
         """
         try:
             return cls(**json.loads(Path(path).read_text(encoding="utf-8")))
@@ -177,7 +172,7 @@ class AdaptationResult:
 
 
 def _check_shapes(tasks: Floats, rewards: NDArray[np.float32]) -> None:
-    """Raise unless both arrays have the dimensions, and the tasks in common, that AdaptationResult asks."""
+    """Raise a ValueError unless both arrays have the shapes that AdaptationResult needs."""
     if tasks.ndim != 2 or rewards.ndim != 3 or len(tasks) != len(rewards) or rewards.size == 0:
         raise ValueError(
             f"tasks have shape {tasks.shape} and rewards {rewards.shape}: "
@@ -186,7 +181,7 @@ def _check_shapes(tasks: Floats, rewards: NDArray[np.float32]) -> None:
 
 
 def _as_json(config: Mapping[str, Any]) -> dict[str, Any]:
-    """``config`` as JSON keeps it, or a ValueError."""
+    """Return ``config`` as JSON keeps it; raise a ValueError if JSON cannot."""
     try:
         kept: dict[str, Any] = json.loads(json.dumps(dict(config), allow_nan=False))
     except (TypeError, ValueError) as error:
@@ -195,7 +190,7 @@ def _as_json(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _nan_as_none(values: NDArray[np.float32]) -> list[Any]:
-    """Nested lists of the shortest decimals that read back exactly, and None for NaN, which JSON lacks."""
+    """Return nested lists of the shortest decimals that read back exactly, with None for NaN, which JSON lacks."""
     shortest = values.astype(str).astype(np.float64)  # 0.1, not float32's 0.10000000149011612
     flat = [None if math.isnan(value) else value for value in shortest.ravel().tolist()]
     nested: list[Any] = np.array(flat, dtype=object).reshape(values.shape).tolist()
@@ -203,7 +198,7 @@ def _nan_as_none(values: NDArray[np.float32]) -> list[Any]:
 
 
 def _steps_to_steady(curve: Floats, fraction: float, window: int) -> int:
-    """``AdaptationResult.steps_to_steady`` for one task's mean rewards, ``(horizon,)``."""
+    """Compute ``AdaptationResult.steps_to_steady`` from the mean rewards of one task, ``(horizon,)``."""
     curve = curve[~np.isnan(curve)]
     way = curve[len(curve) // 2 :].mean() - curve[0]
     if way == 0.0:

@@ -1,7 +1,7 @@
-"""Runs a model on given tasks, many environments side by side, and records whole episodes.
+"""Plays a model on given tasks, in many environments side by side, and returns whole episodes.
 
-Knows SB3's ``predict`` and environments that take their hidden task by ``reset(options={"task": task})``;
-knows no algorithm.
+Knows SB3's ``predict``, and environments that take their hidden task by ``reset(options={"task": task})``. Knows no
+algorithm.
 """
 
 from __future__ import annotations
@@ -17,15 +17,17 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 
 class Episode(NamedTuple):
-    """One episode in the environment's own units; of Dict observations the entry ``"observation"``, if any.
+    """One episode in the environment's own units.
+
+    Of a Dict observation, the entry ``"observation"`` is kept; without that entry the observations have width 0.
 
     Attributes:
-        observations: where the model acted, ``(length, ...)``.
-        actions: as the environment took them, ``(length, ...)``.
-        rewards: single precision, as SB3's VecEnv delivers them, ``(length,)``.
-        next_observations: where the actions led, the terminal observation last, ``(length, ...)``.
-        inner_ends: whether an episode within a trial ended there, ``(length,)``: the next observation that the model
-            was shown is another one's first, and of this transition it was shown nothing.
+        observations: what the environment showed before each action, ``(length, ...)``.
+        actions: what the environment was given, ``(length, ...)``.
+        rewards: ``(length,)``, in single precision, as SB3's VecEnv delivers them.
+        next_observations: what each action led to, the terminal observation last, ``(length, ...)``.
+        inner_ends: whether an episode within a trial ended with this transition, ``(length,)``. The model never sees
+            such a transition: the next observation that it is shown is the first of the next inner episode.
     """
 
     observations: NDArray[Any]
@@ -35,7 +37,7 @@ class Episode(NamedTuple):
     inner_ends: NDArray[np.bool_]
 
 
-def record_episodes(
+def play_episodes(
     model: PolicyPredictor,
     make_env: Callable[[], gym.Env[Any, Any]],
     tasks: ArrayLike,
@@ -46,7 +48,7 @@ def record_episodes(
     vec_normalize: VecNormalize | None = None,
     max_envs: int = 64,
 ) -> list[list[Episode]]:
-    """Run ``n_episodes`` whole episodes of every task, each without a state to start from.
+    """Play ``n_episodes`` whole episodes of every task, each without a state to start from.
 
     The arguments are those of ``evaluate_adaptation``.
 
@@ -54,7 +56,7 @@ def record_episodes(
         The episodes of each task, in the order of the tasks.
 
     Raises:
-        ValueError: if an argument is invalid, or the environment does not take the task that it is given.
+        ValueError: if an argument is invalid, a reward is not finite, or the environment ignores the task given to it.
     """
     task_array = np.asarray(tasks, dtype=np.float32)
     if task_array.ndim != 2 or task_array.size == 0:
@@ -69,29 +71,29 @@ def record_episodes(
     episodes: list[Episode] = []
     try:
         for start in range(0, len(jobs), size):
-            venv.seed(first_seed + start)  # the i-th environment's is i more
-            episodes += _run_episodes(model, venv, jobs[start : start + size], vec_normalize, deterministic)
+            venv.seed(first_seed + start)  # environment i gets this plus i, so each job has its own seed
+            episodes += _play_batch(model, venv, jobs[start : start + size], vec_normalize, deterministic)
     finally:
         venv.close()
     return [episodes[start : start + n_episodes] for start in range(0, len(jobs), n_episodes)]
 
 
 def pad_episodes(rows: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Arrays ``(length, ...)`` of any lengths as one, ``(n, longest, ...)``, NaN after each one's end."""
+    """Stack arrays ``(length, ...)`` of different lengths into one, ``(n, longest, ...)``, padded with NaN."""
     padded = np.full((len(rows), max(map(len, rows)), *rows[0].shape[1:]), np.nan, dtype=rows[0].dtype)
     for row, values in zip(padded, rows, strict=True):
         row[: len(values)] = values
     return padded
 
 
-def _run_episodes(
+def _play_batch(
     model: PolicyPredictor,
     venv: DummyVecEnv,
     tasks: NDArray[np.float32],
     vec_normalize: VecNormalize | None,
     deterministic: bool,
 ) -> list[Episode]:
-    """One episode of each task, ``(n, task_dim)``; spare environments idle along."""
+    """Play one episode of each task, ``(n, task_dim)``; environments beyond the n-th run along and are ignored."""
     n = len(tasks)
     options = [{"task": task} for task in tasks]
     venv.set_options(options + options[-1:] * (venv.num_envs - n))
@@ -102,44 +104,45 @@ def _run_episodes(
     running, lengths = np.ones(n, dtype=bool), np.zeros(n, dtype=np.int64)
     steps: list[tuple[NDArray[Any], ...]] = []
     while running.any():
-        here = _own(observations, (venv.num_envs,))
+        before = _own_part(observations, (venv.num_envs,))
         assert isinstance(observations, np.ndarray | dict)
         if vec_normalize is not None:
             observations = vec_normalize.normalize_obs(observations)
         actions, state = model.predict(observations, state, episode_start, deterministic)
         observations, rewards, episode_start, infos = venv.step(actions)
         if not np.isfinite(rewards[:n][running]).all():
-            raise ValueError(f"the environment's reward at step {len(steps)} is not finite: check its reward.")
+            raise ValueError(f"the reward at step {len(steps)} is not finite: let make_env's environment pay a number.")
+        after = _with_final_observations(_own_part(observations, (venv.num_envs,)), infos)
         inner_ends = np.array(["final_observation" in info for info in infos])
-        steps.append((here, actions, rewards, _arrivals(_own(observations, (venv.num_envs,)), infos), inner_ends))
+        steps.append((before, actions, rewards, after, inner_ends))
         lengths += running
         running &= ~episode_start[:n]
     columns = [np.stack(column, axis=1) for column in zip(*steps, strict=True)]  # (num_envs, longest, ...) each
     return [Episode(*(column[i, :length] for column in columns)) for i, length in enumerate(lengths)]
 
 
-def _own(observations: Any, batch_shape: tuple[int, ...] = ()) -> NDArray[Any]:
-    """The environment's own observation: of a Dict the entry of that name, of width 0 if there is none."""
+def _own_part(observations: Any, batch_shape: tuple[int, ...] = ()) -> NDArray[Any]:
+    """Return the entry ``"observation"`` of a Dict, of width 0 if there is none; anything but a Dict as it is."""
     if not isinstance(observations, Mapping):
         return np.asarray(observations)
     return np.asarray(observations.get("observation", np.empty((*batch_shape, 0))))
 
 
-def _arrivals(observations: NDArray[Any], infos: Sequence[Mapping[str, Any]]) -> NDArray[Any]:
-    """Where the last actions led: ``observations``, unless an episode, or one within a trial, ended there."""
-    arrivals = observations.copy()
-    for arrival, info in zip(arrivals, infos, strict=True):
+def _with_final_observations(observations: NDArray[Any], infos: Sequence[Mapping[str, Any]]) -> NDArray[Any]:
+    """Replace each observation that begins an episode by the last of the episode before, which ``infos`` holds."""
+    replaced = observations.copy()
+    for observation, info in zip(replaced, infos, strict=True):
         for key in ("terminal_observation", "final_observation"):  # SB3's name, and a trial's
             if key in info:
-                arrival[...] = _own(info[key])
-    return arrivals
+                observation[...] = _own_part(info[key])
+    return replaced
 
 
 def _check_task(task: NDArray[np.float32], info: Mapping[str, Any]) -> None:
-    """Raise unless the reset's ``info`` names the task that was given."""
+    """Raise a ValueError unless the reset's ``info`` names the task that was given."""
     named = info.get("task")
     if named is None or np.shape(named) != task.shape or not np.allclose(named, task):
         raise ValueError(
-            f"the environment was given task {task} and names {named} in info['task']: "
-            "let make_env return one that takes reset(options={'task': ...}), as MetaTask does."
+            f"make_env's environment was given task {task} and names {named} in info['task']: "
+            "make one that takes reset(options={'task': ...}), as MetaTask does."
         )

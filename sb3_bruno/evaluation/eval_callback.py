@@ -1,6 +1,6 @@
-"""SB3's EvalCallback, with the return of each hidden task: logged, and kept for learning curves.
+"""SB3's EvalCallback, which also logs the return of each hidden task and keeps it for learning curves.
 
-Knows environments that name their hidden task in ``info["task"]``; knows no algorithm.
+Knows environments that name their hidden task in ``info["task"]``. Knows no algorithm.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import EvalCallback
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_bruno.evaluation.adaptation_result import task_label
+from sb3_bruno.evaluation.task_names import task_label
 
 _TASKS_FILE = "evaluation_tasks.npz"  # beside SB3's evaluations.npz
 _MAX_LOGGED_TASKS = 50
-_MAX_CONSOLE_KEY = 30  # SB3's console table cuts longer keys, and refuses two that look the same then
+_MAX_CONSOLE_KEY = 30  # SB3's console table cuts longer keys, and refuses two that then look the same
 
 
 class LearningCurve(NamedTuple):
@@ -40,13 +40,18 @@ class LearningCurve(NamedTuple):
 class TaskEvalCallback(EvalCallback):
     """Evaluates as EvalCallback does, and tells the tasks apart.
 
-    Takes EvalCallback's arguments, by name. Logs the mean return of each task as ``eval/return_task_<label>``
-    (of the first 50 it meets, for tasks may be endless) and, given ``log_path``, writes the task of each
-    episode to ``evaluation_tasks.npz`` beside ``evaluations.npz``: ``load_learning_curve`` reads both.
+    Logs the mean return of each task as ``eval/return_task_<label>``, for the first 50 tasks that it meets. Given
+    ``log_path``, writes the task of each episode to ``evaluation_tasks.npz`` beside SB3's ``evaluations.npz``;
+    ``load_learning_curve`` reads both.
 
-    Let each evaluation environment cycle through its tasks (``draw="cycle"``), for as many episodes as tasks
-    or a multiple: then every task counts the same, every time. Where the model has a seed, each evaluation seeds the
-    environments by it and by its own time, so that a resumed run is evaluated as one that was never interrupted.
+    Let each evaluation environment cycle through its tasks (``draw="cycle"``), and evaluate as many episodes as there
+    are tasks, or a multiple of that. Then every task has the same weight in every evaluation. If the model has a seed,
+    each evaluation seeds its environments with that seed plus the number of calls so far. So a resumed run is evaluated
+    as if it had never been interrupted.
+
+    Args:
+        eval_env: the environment to evaluate in.
+        **kwargs: EvalCallback's other arguments.
 
     Raises:
         ValueError: if an episode of the evaluation environment ends without ``info["task"]``.
@@ -55,21 +60,21 @@ class TaskEvalCallback(EvalCallback):
     def __init__(self, eval_env: gym.Env[Any, Any] | VecEnv, **kwargs: Any) -> None:
         super().__init__(eval_env, **kwargs)
         self.evaluations_tasks: list[NDArray[np.float32]] = []  # (n_episodes, task_dim) each
-        self._episode_tasks: list[NDArray[np.float32]] = []  # of the evaluation that runs
+        self._episode_tasks: list[NDArray[np.float32]] = []  # of the current evaluation
         self._logged_tasks: set[str] = set()
 
     def restore(self, model: BaseAlgorithm) -> None:
-        """Go on with the learning curve in ``log_path``: a resumed run is evaluated when it would have been.
+        """Continue the learning curve in ``log_path``, so that a resumed run is evaluated at the same steps.
 
         Raises:
-            ValueError: if there is no ``log_path``, or a file of it is damaged.
+            ValueError: if ``log_path`` is None, or a file there is damaged.
         """
         if self.log_path is None:
-            raise ValueError("`log_path` is None, so there is no learning curve to go on with: give the first run's.")
+            raise ValueError("log_path=None holds no learning curve to continue: give that of the first run.")
         self.n_calls = model.num_timesteps // model.n_envs
         folder = Path(self.log_path).parent
         if not all((folder / name).is_file() for name in ("evaluations.npz", _TASKS_FILE)):
-            return  # nothing had been evaluated yet
+            return  # the run died before its first evaluation
         curve = load_learning_curve(folder)
         known = int((curve.timesteps <= model.num_timesteps).sum())
         with np.load(folder / "evaluations.npz") as stored:
@@ -92,19 +97,19 @@ class TaskEvalCallback(EvalCallback):
         return continue_training
 
     def _log_success_callback(self, locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
-        """EvalCallback's hook, called by ``evaluate_policy`` after every step of every environment."""
+        """Note task and return of an episode that ends; ``evaluate_policy`` calls this after every step."""
         super()._log_success_callback(locals_, globals_)
         info = locals_["info"]
         if not locals_["done"] or (locals_["is_monitor_wrapped"] and "episode" not in info):
-            return  # as evaluate_policy does, trust a Monitor more than done
+            return  # a Monitor knows better than ``done`` whether an episode ended, as evaluate_policy has it
         if "task" not in info:
-            raise ValueError("info['task'] is missing at an episode's end: wrap the eval environment in MetaTask.")
+            raise ValueError("eval_env ended an episode without info['task']: wrap the eval environment in MetaTask.")
         self._episode_tasks.append(np.array(info["task"], dtype=np.float32))
         episode_return = info["episode"]["r"] if locals_["is_monitor_wrapped"] else _running_return(locals_)
         self._log_return(task_label(info["task"]), float(episode_return))
 
     def _log_return(self, label: str, episode_return: float) -> None:
-        """Average the return into the task's log entry, which ``_on_step`` dumps with the others."""
+        """Average the return into the log entry of the task; EvalCallback writes the log at the end."""
         if len(self._logged_tasks) < _MAX_LOGGED_TASKS:
             self._logged_tasks.add(label)
         if label in self._logged_tasks:
@@ -120,7 +125,7 @@ def load_learning_curve(path: str | Path) -> LearningCurve:
         path: the callback's ``log_path``.
 
     Raises:
-        ValueError: if the folder does not hold both files, or one is damaged.
+        ValueError: if the folder lacks one of the two files, or a file is damaged.
     """
     try:
         with (
@@ -131,12 +136,12 @@ def load_learning_curve(path: str | Path) -> LearningCurve:
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise ValueError(
             f"path={str(path)!r} holds no evaluations with tasks: give a log_path of TaskEvalCallback. If a kill cut "
-            "a file there short, delete it: a resumed run then starts its learning curve anew."
+            "a file there short, delete it: a resumed run then starts a new learning curve."
         ) from error
-    n = min(len(timesteps), len(tasks))  # the files are written one after the other
+    n = min(len(timesteps), len(tasks))  # a kill may fall between writing the one file and the other
     return LearningCurve(timesteps[:n].astype(np.int64), tasks[:n], returns[:n].astype(np.float64))
 
 
 def _running_return(locals_: dict[str, Any]) -> float:
-    """The return so far of the environment at hand, from the local variables of ``evaluate_policy``."""
+    """Return what the current environment has earned so far, from the local variables of ``evaluate_policy``."""
     return float(locals_["current_rewards"][locals_["i"]])

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from sb3_bruno.evaluation.floats import Floats
 
 
 class Interval(NamedTuple):
@@ -16,19 +17,22 @@ class Interval(NamedTuple):
     high: float
 
 
-def interquartile_mean(scores: NDArray[np.floating[Any]], *, n_resamples: int = 2_000, seed: int = 0) -> Interval:
-    """The mean of the middle half of all scores, with the 95 % interval of the percentile bootstrap.
+def interquartile_mean(scores: Floats, *, n_resamples: int = 2_000, seed: int = 0) -> Interval:
+    """Compute the mean of the middle half of all scores, with the 95 % interval of the percentile bootstrap.
 
-    Agarwal et al. (2021, arXiv:2108.13264). The runs are resampled within each task.
+    The bootstrap resamples the runs within each task. Three scores or fewer have no quarter to cut off, so the mean is
+    the plain one. Leaves NumPy's global random state as it was.
+
+    Reference: Agarwal et al. (2021, arXiv:2108.13264).
 
     Args:
         scores: ``(n_runs, n_tasks)``.
-        n_resamples: of the bootstrap.
+        n_resamples: number of the bootstrap's resamples.
         seed: of the bootstrap.
     """
     from rliable import library, metrics
 
-    state = np.random.get_state()  # noqa: NPY002  # rliable draws from it whatever it is passed
+    state = np.random.get_state()  # noqa: NPY002  # rliable draws from the global state, whatever it is given
     np.random.seed(seed)  # noqa: NPY002
     try:
         values, intervals = library.get_interval_estimates(

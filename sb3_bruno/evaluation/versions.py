@@ -1,4 +1,4 @@
-"""The versions that a result depends on."""
+"""The versions of the libraries that a result depends on, and the commit of this package."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def library_versions() -> dict[str, str]:
-    """The versions that a result depends on, and this package's git commit when it runs from a clone."""
+    """Return the versions that a result depends on, and this package's git commit if it runs from a clone."""
     versions = {"python": platform.python_version()}
     for name in (
         "sb3_bruno",
@@ -23,14 +23,14 @@ def library_versions() -> dict[str, str]:
     ):
         try:
             versions[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:  # run from the source tree
+        except metadata.PackageNotFoundError:  # not installed, as when the package runs from its source tree
             continue
     commit = _git_commit(Path(__file__))
     return versions | ({"commit": commit} if commit else {})
 
 
 def _git_commit(file: Path) -> str | None:
-    """The commit of the clone that tracks ``file``, with ``-dirty`` if changed since; None without one."""
+    """Return the commit of the clone that tracks ``file``, with ``-dirty`` after a change; None without a clone."""
     git = ["git", "-C", str(file.parent)]
     try:
         subprocess.run([*git, "ls-files", "--error-unmatch", file.name], check=True, capture_output=True)

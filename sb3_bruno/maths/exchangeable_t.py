@@ -1,8 +1,6 @@
-"""An exchangeable Student-t process: the Gaussian one with an unknown scale, which the data reveal.
+"""An exchangeable Student-t process: the Gaussian process with an unknown scale, inferred from the data.
 
-    s ~ InvGamma(nu / 2, (nu - 2) / 2), and given s all variances of the Gaussian process times s
-
-so the variance of a belief depends on the data and not on their number alone.
+The variance of the posterior depends on the data, and not only on how many there are.
 """
 
 from __future__ import annotations
@@ -25,9 +23,10 @@ from sb3_bruno.maths.exchangeable import (
 
 
 class StudentTWithVariance(StudentT):
-    """A Student-t of more than two degrees of freedom, which keeps no GPU waiting.
+    """A Student-t distribution with more than two degrees of freedom, which never makes a GPU wait.
 
-    Torch's looks for those of fewer when asked for moments, and sends a constant for draws when it is made.
+    Torch's StudentT waits twice: its moments look for entries with two degrees of freedom or fewer, and its
+    constructor sends the GPU a constant that only sampling needs.
     """
 
     def __init__(self, df: Tensor, loc: Tensor, scale: Tensor) -> None:
@@ -39,7 +38,7 @@ class StudentTWithVariance(StudentT):
         return Chi2(self.df)
 
     def expand(self, batch_shape: Any, _instance: Any = None) -> StudentTWithVariance:
-        return StudentTWithVariance(*(one.expand(batch_shape) for one in (self.df, self.loc, self.scale)))
+        return StudentTWithVariance(*(parameter.expand(batch_shape) for parameter in (self.df, self.loc, self.scale)))
 
     @property
     def mean(self) -> Tensor:
@@ -51,13 +50,14 @@ class StudentTWithVariance(StudentT):
 
 
 class _Moments(NamedTuple):
-    """What z_1..z_n say of theta, of the next latent and of the scale s.
+    """What z_1..z_n say about theta, about the next latent and about the scale s.
 
-    :ivar mean: mu_n, shape (..., dim)
-    :ivar theta_var: var_n where s = 1, the shape of n and the dimensions
-    :ivar predictive_var: v - rho + var_n, of the next latent where s = 1
-    :ivar df: nu_n, the shape of n and the scales
-    :ivar q: q_n, shape (..., n_scales)
+    Attributes:
+        mean: mu_n, ``(..., dim)``.
+        theta_var: var_n, the variance of theta if s = 1, of the shape to which n and rho broadcast.
+        predictive_var: v - rho + var_n, the variance of the next latent if s = 1, of the same shape.
+        df: nu_n, of the shape to which n and nu broadcast.
+        q: q_n, ``(..., n_scales)``.
     """
 
     mean: Tensor
@@ -68,20 +68,26 @@ class _Moments(NamedTuple):
 
 
 class ExchangeableStudentT(ExchangeableGaussian):
-    r"""Creates exchangeable Student-t processes with one scale per latent dimension, or one for all.
+    r"""Creates exchangeable Student-t processes with one scale s per latent dimension, or one for all.
 
-    The prior of s has mean 1, so :math:`v` and :math:`\rho` are variances and covariances as in the Gaussian process,
-    which is the limit :math:`\nu \to \infty`. They and :math:`\nu > 2` are learned.
+    .. math:: s \sim \text{InvGamma}(\nu / 2, (\nu - 2) / 2), \quad \theta \mid s \sim N(0, s \rho),
+        \quad z_i \mid \theta, s \sim N(\theta, s (v - \rho))
 
-    Reference: Shah, Wilson and Ghahramani, Student-t Processes as Alternatives to Gaussian Processes (2014); named
-    as a remedy in Korshunova et al. (2020), section 2.1.
+    The prior mean of s is 1, so :math:`v` and :math:`\rho` are the variance and the covariance of the latents, as in
+    the Gaussian process, which is the limit :math:`\nu \to \infty`. All three are learned; :math:`\nu > 2`.
 
-    :param dim: number of latent dimensions
-    :param var: initial variance v of each latent
-    :param correlation: initial correlation rho / v between two latents of one set
-    :param df: initial degrees of freedom nu
-    :param shared_scale: whether all dimensions have the scale s in common
-    :raises ValueError: if ``df`` is not greater than 2, or as ``ExchangeableGaussian``
+    Reference: Shah, Wilson and Ghahramani, Student-t Processes as Alternatives to Gaussian Processes (2014). Korshunova
+    et al. (2020), section 2.1, name it as a remedy for variances that depend on n alone.
+
+    Args:
+        dim: number of latent dimensions.
+        var: initial variance v of each latent.
+        correlation: initial correlation rho / v between two latents of one set.
+        df: initial degrees of freedom nu.
+        shared_scale: whether all dimensions share one scale s.
+
+    Raises:
+        ValueError: if ``df`` is not greater than 2, or as ``ExchangeableGaussian``.
     """
 
     def __init__(
@@ -95,14 +101,14 @@ class ExchangeableStudentT(ExchangeableGaussian):
     ) -> None:
         super().__init__(dim, var=var, correlation=correlation)
         if not df > 2:
-            raise ValueError(f"`df` must be greater than 2, got {df}: below, there is no variance.")
+            raise ValueError(f"df={df} is not greater than 2, so there is no variance: give more, such as 10.")
         self.shared_scale = shared_scale
         n_scales = 1 if shared_scale else dim
         self.log_excess_df = nn.Parameter(th.full((n_scales,), math.log(df - 2)))
 
     @property
     def df(self) -> Tensor:
-        """nu, the degrees of freedom, shape (dim,), or (1,) with a shared scale."""
+        """nu, the degrees of freedom, ``(n_scales,)``: one per dimension, or a single one for a shared scale."""
         return 2 + self.log_excess_df.exp()
 
     @property
@@ -110,13 +116,14 @@ class ExchangeableStudentT(ExchangeableGaussian):
         return self.dim if self.shared_scale else 1
 
     def _sum(self, per_dim: Tensor) -> Tensor:
-        """Over the dimensions that share a scale: (..., dim) -> (..., n_scales)"""
+        """Sum over the dimensions that share a scale: ``(..., dim)`` to ``(..., n_scales)``."""
         return per_dim.sum(dim=-1, keepdim=True) if self.shared_scale else per_dim
 
     def _moments(self, statistics: Statistics) -> _Moments:
-        """Those of z_1..z_n: s | z ~ InvGamma(nu_n / 2, q_n / 2), nu_n = nu + n D, q_n = nu - 2 + beta_n.
+        """Return the moments given z_1..z_n.
 
-        D dimensions share a scale, and beta_n is summed over them.
+        The scale is s | z ~ InvGamma(nu_n / 2, q_n / 2), with nu_n = nu + n D and q_n = nu - 2 + beta_n. D dimensions
+        share a scale, and beta_n is the sum over them.
         """
         cov, noise_var, df = self.cov, self.noise_var, self.df
         mean, var = theta_moments(statistics, cov, noise_var)
@@ -124,17 +131,20 @@ class ExchangeableStudentT(ExchangeableGaussian):
         return _Moments(mean, var, noise_var + var, df + self._dims_per_scale * statistics.n, df - 2 + beta)
 
     def posterior_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
-        """mu_n and r_n var_n, r_n = E[s | z] = q_n / (nu_n - 2). Shape (..., dim) each."""
+        """Return mu_n and r_n var_n, with r_n = E[s | z] = q_n / (nu_n - 2), ``(..., dim)`` each."""
         mean, var, _, df, q = self._moments(statistics)
         return mean, q / (df - 2) * var
 
     def posterior(self, statistics: Statistics) -> Distribution:
-        """p(theta | z_1..z_n) of each dimension: mean mu_n, variance r_n var_n. Batch (..., dim)."""
+        """Return p(theta | z_1..z_n) of each dimension: mean mu_n, variance r_n var_n; batch shape ``(..., dim)``."""
         mean, var, _, df, q = self._moments(statistics)
         return StudentTWithVariance(df, mean, (q / df * var).sqrt())
 
     def predictive(self, statistics: Statistics) -> Distribution:
-        """p(z_{n+1} | z_1..z_n) of each dimension: mean mu_n, variance r_n (v - rho + var_n). Batch (..., dim)."""
+        """Return p(z_{n+1} | z_1..z_n) of each dimension: mean mu_n, variance r_n (v - rho + var_n).
+
+        The batch shape is ``(..., dim)``.
+        """
         mean, _, var, df, q = self._moments(statistics)
         return StudentTWithVariance(df, mean, (q / df * var).sqrt())
 
@@ -149,12 +159,12 @@ class ExchangeableStudentT(ExchangeableGaussian):
         return mean + (var / precision).sqrt() * th.randn_like(mean.expand(n_samples, *mean.shape))
 
     def distance(self, statistics: Statistics) -> Distance:
-        """beta_n of each scale, with what it should be distributed as."""
+        """Return beta_n of each scale, with the distribution that it should have."""
         beta = self._sum(self.squared_mahalanobis(statistics))
         return Distance(beta, self._dims_per_scale * statistics.n, self.df)
 
     def log_evidence(self, statistics: Statistics) -> Tensor:
-        """log p(z_1..z_n), jointly over the set and all dimensions: one t of n D dimensions per scale. Shape (...)."""
+        """Return log p(z_1..z_n), ``(...)``, jointly over the set and all dimensions: a t of n D values per scale."""
         n_values = self._dims_per_scale * statistics.n
         distance = self._sum(self.squared_mahalanobis(statistics))
         log_volume = self._sum(self.log_volume(statistics))
@@ -162,11 +172,18 @@ class ExchangeableStudentT(ExchangeableGaussian):
 
     @staticmethod
     def _log_density(df: Tensor, q: Tensor, n_values: Tensor | int, distance: Tensor, log_volume: Tensor) -> Tensor:
-        """log of the multivariate t density of k values: s ~ InvGamma(df / 2, q / 2), distance = x^T K^-1 x.
+        """Return the log-density of the multivariate t of k values, with s ~ InvGamma(df / 2, q / 2).
 
-        lgamma((df + k) / 2) - lgamma(df / 2) - k/2 ln(pi q) - 1/2 ln |K| - (df + k)/2 log1p(distance / q)
+            lgamma((df + k) / 2) - lgamma(df / 2) - k/2 ln(pi q) - 1/2 ln |K| - (df + k)/2 log1p(distance / q)
 
-        The difference of the two lgamma is taken in float64: they grow to 10^4 and more, their difference does not.
+        The difference of the two lgamma is computed in float64: each grows to 10^4 and more, their difference does not.
+
+        Args:
+            df: degrees of freedom, ``(..., n_scales)``.
+            q: twice the scale of the inverse gamma distribution, ``(..., n_scales)``.
+            n_values: k.
+            distance: x^T K^-1 x, ``(..., n_scales)``.
+            log_volume: ln |K|, ``(..., n_scales)``.
         """
         half, more = (df / 2).double(), ((df + n_values) / 2).double()
         log_gammas = (more.lgamma() - half.lgamma()).to(distance.dtype)

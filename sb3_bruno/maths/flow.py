@@ -1,4 +1,4 @@
-"""A thin adapter over zuko's conditional flows: (y | x) <-> (z, log |det dz/dy|)."""
+"""A thin adapter over zuko's conditional flows: (y | x) <-> (z, log |det dz/dy|), and two flows of our own."""
 
 from __future__ import annotations
 
@@ -15,8 +15,11 @@ from sb3_bruno.maths.reflection import ConditionalReflection
 
 
 class Latents(NamedTuple):
-    """:ivar z: latents, shape (..., features)
-    :ivar log_det: log |det dz/dy|, shape (...)
+    """What a flow makes of y, given x.
+
+    Attributes:
+        z: latents, ``(..., features)``.
+        log_det: log |det dz/dy|, ``(...)``.
     """
 
     z: Tensor
@@ -24,26 +27,29 @@ class Latents(NamedTuple):
 
 
 def paper_maf(features: int, context: int) -> Flow:
-    """The paper's flow as near as zuko allows: six masked autoregressive layers of 128 hidden units.
+    """Build the paper's flow as nearly as zuko allows: six masked autoregressive layers of 128 hidden units.
 
-    Each layer's log-scale is bounded to (-1, 1), by zuko's softsign where the paper uses tanh. There is no weight
-    normalisation, and no start at the identity: torch's own start taught the belief faster (docs/method.md).
-    Orders alternate between ascending and descending.
+    The order of the features alternates between ascending and descending. Each layer's log-scale is bounded to (-1, 1).
+    Deviations from the paper (docs/method.md): softsign, zuko's choice, bounds the log-scale instead of tanh; there is
+    no weight normalisation; the weights start as torch draws them and not at the identity, because the belief then
+    learned faster.
     """
     return _flow(_layers(features, context, 6), features)
 
 
 def reflected_maf(features: int, context: int) -> Flow:
-    """Four of the paper's layers and a reflection last, so that a latent may turn its sign with x.
+    """Build four layers of the paper's flow and a reflection after them, so that a latent may change its sign with x.
 
-    :raises ValueError: if there is but one feature, whose reflection is only a change of sign: nothing could be learned
+    Raises:
+        ValueError: if there is only one feature. Its reflection is a change of sign, and nothing could be learned.
     """
     if features < 2:
-        raise ValueError(f"`reflected_maf` needs at least 2 features, got {features}: set `extra_dims` to 1 or more.")
+        raise ValueError(f"features={features} is too few for `reflected_maf`: set `extra_dims` to 1 or more.")
     return _flow([*_layers(features, context, 4), ConditionalReflection(features, context)], features)
 
 
 def _layers(features: int, context: int, n_layers: int) -> list[LazyTransform]:
+    """Build masked autoregressive layers, of which each second reads the features in descending order."""
     orders = (th.arange(features), th.arange(features).flip(0))
     return [
         AffineAutoregression(features, context, order=orders[i % 2], hidden_features=(128,)) for i in range(n_layers)
@@ -51,10 +57,11 @@ def _layers(features: int, context: int, n_layers: int) -> list[LazyTransform]:
 
 
 def _flow(transforms: list[LazyTransform], features: int) -> Flow:
+    """Join the layers to a zuko flow with a standard normal base, whose masks are floats and stay out of its state."""
     flow = Flow(transforms, UnconditionalDistribution(DiagNormal, th.zeros(features), th.ones(features), buffer=True))
-    for module in flow.modules():  # orders and masks follow from the arguments: nothing to save or to load
+    for module in flow.modules():  # orders and masks follow from the arguments, so they are neither saved nor loaded
         for name, buffer in list(module.named_buffers(recurse=False)):
-            if buffer.dtype == th.bool:  # a mask multiplies weights, six times as fast when it is of their type
+            if buffer.dtype == th.bool:  # a mask multiplies weights: six times as fast in their own dtype
                 module.register_buffer(name, buffer.to(th.get_default_dtype()), persistent=False)
             elif not buffer.is_floating_point():
                 module.register_buffer(name, buffer, persistent=False)
@@ -66,14 +73,17 @@ FLOWS: dict[str, Callable[..., Flow]] = {"paper_maf": paper_maf, "reflected_maf"
 
 
 class ConditionalFlow(nn.Module):
-    """Creates a bijection z = f(y | x).
+    """Creates a bijection z = f(y | x) from a zuko flow.
 
-    :param features: dimension of y and z
-    :param context: dimension of x
-    :param flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``, or names one of ``FLOWS``
-    :param flow_kwargs: further arguments of ``flow_class``
-    :raises ValueError: if ``flow_class`` is a name that ``FLOWS`` does not know
-    :raises TypeError: if ``flow_class`` does not build a zuko flow
+    Args:
+        features: dimension of y and z.
+        context: dimension of x.
+        flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``, or a name from ``FLOWS``.
+        flow_kwargs: further arguments of ``flow_class``.
+
+    Raises:
+        ValueError: if ``flow_class`` is a name that is not in ``FLOWS``.
+        TypeError: if ``flow_class`` does not build a zuko flow.
     """
 
     def __init__(
@@ -86,23 +96,25 @@ class ConditionalFlow(nn.Module):
         super().__init__()
         if isinstance(flow_class, str):
             if flow_class not in FLOWS:
-                raise ValueError(f"`flow_class` must be one of {sorted(FLOWS)} or a zuko flow, got {flow_class!r}.")
+                raise ValueError(f"flow_class={flow_class!r} is unknown: give one of {sorted(FLOWS)} or a zuko flow.")
             flow_class = FLOWS[flow_class]
         flow = flow_class(features, context, **(flow_kwargs or {}))
         if not isinstance(flow, Flow):
-            raise TypeError(f"`flow_class` must build a zuko.lazy.Flow, got {type(flow)}: try zuko.flows.MAF.")
+            raise TypeError(
+                f"flow_class={flow_class!r} builds a {type(flow).__name__} and no zuko.lazy.Flow: try zuko.flows.MAF."
+            )
         self.transform = flow.transform
 
     def forward(self, y: Tensor, x: Tensor) -> Latents:
-        """y: (..., features), x: (..., context)"""
+        """Map y, ``(..., features)``, to its latents, given x, ``(..., context)``."""
         return Latents(*self.transform(x).call_and_ladj(y))
 
     def latents(self, y: Tensor, x: Tensor) -> Tensor:
-        """z alone, for a belief."""
+        """Return z alone, ``(..., features)``: a belief needs no log-determinant."""
         z: Tensor = self.transform(x)(y)
         return z
 
     def inverse(self, z: Tensor, x: Tensor) -> Tensor:
-        """z: (..., features), x: (..., context) -> y: (..., features)"""
+        """Map z, ``(..., features)``, back to y, ``(..., features)``, given x, ``(..., context)``."""
         y: Tensor = self.transform(x).inv(z)
         return y

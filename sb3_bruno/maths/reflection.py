@@ -1,11 +1,12 @@
-r"""A reflection whose mirror depends on x: how a flow lets a latent count a reward for or against a task.
+"""A reflection whose mirror depends on x, so that a reward may speak for a task at one x and against it at another.
 
     z = y - 2 u(x) u(x)^T y,  |u(x)| = 1
 
-A flow is monotone in the reward for each x. But where the reward is d v, a high one speaks for d = 1 at v > 0 and
-against it at v < 0: no monotone map gives a latent that means d at either sign of v. A reflection keeps the reward's
-sign where the mirror u(x) stands across it and turns it where u(x) lies along it; between the two, v = 0, the reward
-tells nothing, and the latent is a noise dimension's. So there must be one (``extra_dims``).
+For each x, an autoregressive flow is monotone in the reward. That is not enough where the reward is d v, a direction d
+times a velocity v: a high reward speaks for d = 1 if v > 0 and against it if v < 0. No monotone map gives a latent that
+means d for both signs of v. The reflection does: it keeps the reward's sign where the mirror u(x) is orthogonal to the
+reward's axis, and turns the sign where u(x) lies along that axis. Between the two, at v = 0, the reward says nothing
+about d, and the latent is that of a noise dimension. So there must be a noise dimension (``extra_dims``).
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ from zuko.nn import MLP
 
 
 class Reflection(Transform):
-    """Creates y -> y - 2 u u^T y (Householder): its own inverse, with |det| = 1.
+    """Creates the Householder reflection y -> y - 2 u u^T y, which is its own inverse and has |det| = 1.
 
-    :param mirror: u, of any length but 0, shape (..., features)
+    Args:
+        mirror: u, ``(..., features)``, of any length except 0: it is normalised here.
     """
 
     domain = constraints.real_vector
@@ -43,11 +45,12 @@ class Reflection(Transform):
 
 
 class ConditionalReflection(LazyTransform):  # type: ignore[misc]  # zuko is untyped
-    """Creates a reflection whose mirror a network reads off the context.
+    """Creates a reflection whose mirror u(x) a network computes from the context x.
 
-    :param features: dimension of what is reflected
-    :param context: dimension of x
-    :param hidden_features: the network's hidden units
+    Args:
+        features: dimension of y and z.
+        context: dimension of x.
+        hidden_features: hidden units of the network, layer by layer.
     """
 
     def __init__(self, features: int, context: int, hidden_features: tuple[int, ...] = (128,)) -> None:
@@ -55,5 +58,5 @@ class ConditionalReflection(LazyTransform):  # type: ignore[misc]  # zuko is unt
         self.mirror = MLP(context, features, hidden_features)
 
     def forward(self, c: Tensor | None = None) -> Reflection:
-        """c: the context x, shape (..., context)"""
+        """Return the reflection for a context x, ``c``, of shape ``(..., context)``."""
         return Reflection(self.mirror(c))

@@ -1,4 +1,4 @@
-"""Standardisation by running statistics: torch only, knows nothing of what it standardises."""
+"""Standardisation by running statistics. Knows torch, and nothing of what it standardises."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ from torch import Tensor, nn
 
 
 class Standardize(nn.Module):
-    r"""Creates an affine map to mean 0 and variance 1, by statistics that follow the data slowly.
+    r"""Creates an affine map to mean 0 and variance 1, whose statistics follow the data slowly.
 
     .. math:: y = (x - m) / \sqrt{s}, \quad m \leftarrow m + w (\bar x - m),
         \quad s \leftarrow s + w (\overline{(x - m)^2} - s)
 
-    with weight w = 1 / k at the k-th update until it falls to ``momentum``. Nothing is learned by gradient, and a batch
-    is never standardised by itself: the map is the same in training and in use.
+    The k-th update has weight w = 1 / k, or ``momentum`` once that is greater. Nothing is learned by gradient. The map
+    is the same in training and in use, because no batch is standardised by its own statistics.
 
-    :param dim: size of the last dimension
-    :param momentum: the least weight of a new batch
+    Args:
+        dim: size of the last dimension.
+        momentum: the least weight of a new batch.
 
     Example:
         >>> standardize = Standardize(3)
@@ -38,7 +39,7 @@ class Standardize(nn.Module):
 
     @th.no_grad()
     def update(self, x: Tensor) -> None:
-        """Let the statistics follow a batch, shape (..., dim)."""
+        """Move the statistics towards those of a batch, ``(..., dim)``."""
         batch = x.reshape(-1, x.shape[-1])
         self.n_updates += 1
         weight = th.clamp(1 / self.n_updates, min=self.momentum)
@@ -47,13 +48,13 @@ class Standardize(nn.Module):
 
     @property
     def std(self) -> Tensor:
-        """The standard deviation, kept away from 0 for what never changes, shape (dim,)."""
+        """The standard deviation, ``(dim,)``; a small constant keeps it above 0 where the data never change."""
         return (self.var + 1e-6).sqrt()
 
     def forward(self, x: Tensor) -> Tensor:
-        """(..., dim) -> (..., dim)"""
+        """Map x to y, ``(..., dim)`` each."""
         return (x - self.mean) / self.std
 
     def inverse(self, y: Tensor) -> Tensor:
-        """(..., dim) -> (..., dim)"""
+        """Map y back to x, ``(..., dim)`` each."""
         return y * self.std + self.mean

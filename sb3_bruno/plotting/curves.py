@@ -1,4 +1,4 @@
-"""The paper's figures: test returns while training (1 and 2), rewards while acting (3 and 4)."""
+"""Draws the paper's figures: test returns while training (its 1 and 2), rewards while acting (its 3 and 4)."""
 
 from __future__ import annotations
 
@@ -6,18 +6,20 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sb3_bruno.evaluation.adaptation_result import FEW_TASKS, AdaptationResult, task_label
+from sb3_bruno.evaluation.adaptation_result import AdaptationResult
+from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.eval_callback import LearningCurve
-from sb3_bruno.plotting.style import Band, Floats, plot_bands, task_title
+from sb3_bruno.evaluation.floats import Floats, mean_of_known
+from sb3_bruno.evaluation.task_names import FEW_TASKS, pooled_title, task_label, task_title
+from sb3_bruno.plotting.style import plot_bands
 
 
 def plot_adaptation(results: Mapping[str, AdaptationResult], path: str | Path) -> None:
-    """Draw the reward at each environment step: the mean over episodes, and the range.
+    """Draw the reward at each environment step: the mean over the episodes, and their range.
 
-    Up to four tasks get a panel each, if all results share them; otherwise they are pooled. A panel's title tells
-    the mean returns, in the order of the legend.
+    Up to four tasks get a panel each, if all results have the same tasks; otherwise the tasks are pooled. A panel's
+    title shows the mean returns, in the order of the legend.
 
     Args:
         results: by the name to show in the legend.
@@ -32,10 +34,11 @@ def plot_adaptation(results: Mapping[str, AdaptationResult], path: str | Path) -
     shared = all(np.array_equal(result.tasks, tasks) for result in results.values())
     pooled = not shared or len(tasks) > FEW_TASKS
     panels: dict[str, dict[str, Band]] = {}
-    for number, title in enumerate([_pooled_title(tasks)] if pooled else map(task_title, tasks)):
+    for number, title in enumerate([pooled_title(len(tasks))] if pooled else map(task_title, tasks)):
         rows = slice(None) if pooled else slice(number, number + 1)
         returns = ", ".join(f"{result.mean_return()[rows].mean():.1f}" for result in results.values())
-        panels[f"{title}: return {returns}"] = {name: adaptation_band(one, rows) for name, one in results.items()}
+        bands = {name: adaptation_band(result, rows) for name, result in results.items()}
+        panels[f"{title}: return {returns}"] = bands
     plot_bands(panels, path, "environment step", "reward", "Line: mean. Band: lowest to highest episode.")
 
 
@@ -47,17 +50,17 @@ def plot_learning_curves(
 ) -> None:
     """Draw the test return against the environment steps of training.
 
-    The line is the mean over runs; the band the range of the runs' means or, when no method has several runs,
-    the range of episodes. Up to four tasks get a panel each; more are pooled.
+    The line is the mean over the runs. The band is the range of the runs' means, or the range of the episodes if no
+    method has several runs. Up to four tasks get a panel each; more are pooled.
 
     Args:
         curves: the runs of each method, one per seed, by the name to show in the legend.
         path: the image to write; its suffix chooses the format.
-        oracle: the return to compare with, or one for each task, by ``task_label``; a dashed line.
+        oracle: the return to compare with, drawn as a dashed line; or the return on each task, by ``task_label``.
 
     Raises:
-        ValueError: if ``curves`` is empty, the runs of a method were evaluated at different steps, or
-            ``oracle`` lacks a task.
+        ValueError: if ``curves`` is empty, the runs of a method were evaluated at different steps, or ``oracle`` lacks
+            a task.
     """
     methods = {name: [runs] if isinstance(runs, LearningCurve) else list(runs) for name, runs in curves.items()}
     if not methods or not all(methods.values()):
@@ -69,7 +72,7 @@ def plot_learning_curves(
     panels: dict[str, dict[str, Band]] = {}
     levels: dict[str, float] = {}
     for task in [None] if pooled else tasks:
-        title = _pooled_title(tasks) if task is None else task_title(task)
+        title = pooled_title(len(tasks)) if task is None else task_title(task)
         panels[title] = {name: learning_band(name, runs, task, over_runs=several) for name, runs in methods.items()}
         if oracle is not None:
             levels[title] = _oracle_return(oracle, task)
@@ -78,17 +81,20 @@ def plot_learning_curves(
 
 
 def adaptation_band(result: AdaptationResult, rows: slice = slice(None)) -> Band:
-    """The rewards of the tasks in ``rows``, pooled; ``x`` counts steps from 1. Ended episodes drop out."""
-    episodes = result.rewards[rows].reshape(-1, result.horizon)
-    return _band(np.arange(1, result.horizon + 1), episodes, episodes)
+    """Pool the rewards of the tasks in ``rows``; ``x`` counts steps from 1. Episodes that have ended drop out."""
+    return Band.of(np.arange(1, result.horizon + 1), result.rewards[rows].reshape(-1, result.horizon))
 
 
 def learning_band(
     name: str, runs: Sequence[LearningCurve], task: Floats | None = None, *, over_runs: bool = True
 ) -> Band:
-    """The returns on one ``task``, ``(task_dim,)``, or on all; as far as the shortest run goes.
+    """Average the returns of several runs, as far as the shortest run goes.
 
-    The range is that of the runs' means, or of the episodes if not ``over_runs``.
+    Args:
+        name: of the method, for the error.
+        runs: the runs of the method.
+        task: the task whose episodes count, ``(task_dim,)``; None takes all.
+        over_runs: whether the range is that of the runs' means; if not, it is that of all episodes.
 
     Raises:
         ValueError: if the runs of the method called ``name`` were evaluated at different steps.
@@ -98,29 +104,17 @@ def learning_band(
     if not all(np.array_equal(run.timesteps[:n], timesteps) for run in runs):
         raise ValueError(f"the runs of {name!r} were evaluated at different steps: give runs of one eval_freq.")
     returns = [_returns_of_task(run, task)[:n].T for run in runs]  # (n_episodes, n) each
-    means = np.stack([_mean(run) for run in returns])  # (n_runs, n)
-    return _band(timesteps, means, means if over_runs else np.concatenate(returns))
+    means = np.stack([mean_of_known(episodes) for episodes in returns])  # (n_runs, n)
+    return Band.of(timesteps, means, None if over_runs else np.concatenate(returns))
 
 
 def _returns_of_task(run: LearningCurve, task: Floats | None) -> Floats:
-    """The returns, ``(n_evals, n_episodes)``, NaN where an episode had another task."""
+    """Select the returns on one task: ``(n_evals, n_episodes)``, with NaN for the episodes of other tasks."""
     return run.returns if task is None else np.where((run.tasks == task).all(axis=-1), run.returns, np.nan)
 
 
-def _band(x: NDArray[np.int64], values: Floats, spread: Floats) -> Band:
-    """The mean of ``values`` and the range of ``spread``, ``(n_samples, n)`` each; NaN is no sample."""
-    return Band(x, _mean(values), np.fmin.reduce(spread, axis=0), np.fmax.reduce(spread, axis=0))
-
-
-def _mean(values: Floats) -> Floats:
-    """The mean over the first axis of what is not NaN; NaN, without a warning, where nothing is left."""
-    with np.errstate(invalid="ignore"):
-        means: Floats = np.nansum(values, axis=0, dtype=np.float64) / (~np.isnan(values)).sum(axis=0)
-    return means
-
-
 def _oracle_return(oracle: float | Mapping[str, float], task: Floats | None) -> float:
-    """The oracle's return on ``task``, or over all tasks without one."""
+    """Return the oracle's return on ``task``, or its mean over all tasks if ``task`` is None."""
     if not isinstance(oracle, Mapping):
         return oracle
     if task is None:
@@ -128,7 +122,3 @@ def _oracle_return(oracle: float | Mapping[str, float], task: Floats | None) -> 
     if task_label(task) not in oracle:
         raise ValueError(f"oracle has {sorted(oracle)} and lacks task {task_label(task)!r}: add its return.")
     return oracle[task_label(task)]
-
-
-def _pooled_title(tasks: Floats) -> str:
-    return f"{len(tasks)} tasks"

@@ -1,6 +1,6 @@
 """The look of all figures: colours, panels, bands, legends.
 
-Draws on figures of its own and leaves matplotlib's global state, backend and style, alone.
+Every figure is made without pyplot, so matplotlib's global state, its backend and its style stay as they are.
 """
 
 from __future__ import annotations
@@ -9,31 +9,25 @@ from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from sb3_bruno.evaluation.adaptation_result import task_label
+from sb3_bruno.evaluation.band import Band
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.floating[Any]]
-
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")  # Okabe and Ito: for all eyes
+COLORS = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#E69F00",
+    "#56B4E9",
+    "#000000",
+)  # Okabe and Ito: colour-blind eyes tell them apart
 INK = "#404040"
-WIDEST = 44  # characters of the legend that a panel has room for above it
-
-
-class Band(NamedTuple):
-    """A line and the range around it: ``x``, and the mean, lowest and highest value there, ``(n,)`` each."""
-
-    x: NDArray[np.int64] | Floats
-    mean: Floats
-    low: Floats
-    high: Floats
+WIDEST = 44  # characters of the legend that fit above one panel
 
 
 def plot_bands(
@@ -47,19 +41,19 @@ def plot_bands(
     """Draw lines with the range around each, in panels side by side.
 
     Args:
-        panels: by title, the bands by the name to show in the legend.
+        panels: for each title, the bands by the name to show in the legend.
         path: the image to write; its suffix chooses the format.
         x: name of the horizontal axis.
         y: name of the vertical axis.
-        note: what line and band are, written below.
-        levels: by title, the oracle's return, a dashed line.
+        note: says what line and band are; written below the panels.
+        levels: for each title, the oracle's return, drawn as a dashed line.
     """
     names = dict.fromkeys(name for bands in panels.values() for name in bands)
-    colors = dict(zip(names, cycle(COLORS), strict=False))  # one name, one colour, in whichever panels it is
+    colors = dict(zip(names, cycle(COLORS), strict=False))  # a name has the same colour in all panels
     figure, axes = _panels(list(panels))
     for (title, bands), panel in zip(panels.items(), axes, strict=True):
         for name, band in bands.items():
-            _draw(panel, band, name, colors[name])
+            draw_band(panel, band, colors[name], name)
         if levels:
             panel.axhline(levels[title], color=INK, linestyle=(0, (5, 3)), label="oracle")
     _label(figure, axes, x, y, note)
@@ -67,14 +61,8 @@ def plot_bands(
     figure.savefig(path, dpi=150)
 
 
-def task_title(task: Floats) -> str:
-    """``task 0.5``, or ``task (1, 0)``."""
-    values = task_label(task).replace("_", ", ")
-    return f"task {values}" if len(task) == 1 else f"task ({values})"
-
-
 def _panels(titles: Sequence[str]) -> tuple[Figure, list[Axes]]:
-    """A figure with a panel for each title, side by side, on one scale."""
+    """Make a figure with a panel for each title, side by side, with one vertical scale."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(1.6 + 4.4 * len(titles), 4.2), layout="constrained")
@@ -94,15 +82,26 @@ def style_panel(panel: Axes, title: str) -> None:
     panel.set_axisbelow(True)
 
 
-def _draw(panel: Axes, band: Band, name: str, color: str) -> None:
-    """Draw the line and its range; a lone point, which makes no line, as a dot."""
-    panel.fill_between(band.x, band.low, band.high, color=color, alpha=0.18, linewidth=0)
+def draw_band(
+    panel: Axes, band: Band, color: str, name: str, *, range_name: str | None = None, linewidth: float = 1.8
+) -> None:
+    """Draw a line and the range around it; a single point, which makes no line, is drawn as a dot.
+
+    Args:
+        panel: the panel to draw on.
+        band: line and range.
+        color: of both.
+        name: of the line, in the legend.
+        range_name: of the range, in the legend; None leaves it out.
+        linewidth: of the line, in points.
+    """
+    panel.fill_between(band.x, band.low, band.high, color=color, alpha=0.18, linewidth=0, label=range_name)
     marker = "o" if len(band.x) == 1 else ""
-    panel.plot(band.x, band.mean, color=color, linewidth=1.8, marker=marker, label=name)
+    panel.plot(band.x, band.mean, color=color, linewidth=linewidth, marker=marker, label=name)
 
 
 def _label(figure: Figure, panels: Sequence[Axes], x: str, y: str, note: str) -> None:
-    """Name the axes, and say below what line and band are."""
+    """Name the axes, and write the note below the panels."""
     from matplotlib.ticker import EngFormatter
 
     for panel in panels:
@@ -114,7 +113,7 @@ def _label(figure: Figure, panels: Sequence[Axes], x: str, y: str, note: str) ->
 
 
 def _add_legend(figure: Figure, panels: Sequence[Axes]) -> None:
-    """Put one legend of all panels above them, where it hides no line, and let the figure grow by it."""
+    """Put one legend for all panels above them, where it hides no line, and make the figure taller by it."""
     lines = {name: line for panel in panels for line, name in zip(*panel.get_legend_handles_labels(), strict=True)}
     room = WIDEST * len(panels)
     names = [fill(name, room, break_on_hyphens=False) for name in lines]

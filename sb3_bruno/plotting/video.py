@@ -1,4 +1,4 @@
-"""A video of an agent on several tasks side by side, with what it believes drawn under each."""
+"""Makes a video of an agent on several tasks side by side, with its belief drawn under each."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.algorithms.beliefs import TaskBelief
 from sb3_bruno.algorithms.task_inference import TaskInference
-from sb3_bruno.evaluation.adaptation_result import FEW_TASKS, task_label
+from sb3_bruno.evaluation.task_names import FEW_TASKS, task_title
 
 Frames = list[NDArray[np.uint8]]
 
 
-def record_tasks(
+def film_tasks(
     model: TaskInference,
     make_env: Callable[[], gym.Env[Any, Any]],
     tasks: ArrayLike,
@@ -27,34 +27,37 @@ def record_tasks(
     seed: int = 0,
     vec_normalize: VecNormalize | None = None,
 ) -> None:
-    """Record one episode of each task, deterministic.
+    """Film one episode of each task; the agent acts deterministically.
 
-    :param model: the agent
-    :param make_env: makes an environment with ``render_mode="rgb_array"`` that takes its task at reset
-    :param tasks: one to four tasks, (n_tasks, task_dim)
-    :param path: the video to write; its suffix chooses the format, .mp4 for one
-    :param seed: of the environments, the same for every task
-    :param vec_normalize: the training environment's, whose statistics normalise the observations
-    :raises ValueError: if there are no tasks or more than four, or the environment renders no images
+    Args:
+        model: the agent.
+        make_env: makes an environment with ``render_mode="rgb_array"`` that takes its task at reset.
+        tasks: one to four tasks, ``(n_tasks, task_dim)``.
+        path: the video to write; its suffix chooses the format, such as .mp4.
+        seed: of the environments, the same for every task.
+        vec_normalize: the VecNormalize of training. Its statistics normalise the observations and stay as they are.
+
+    Raises:
+        ValueError: if there are no tasks or more than four, or the environment renders no images.
     """
     from moviepy import ImageSequenceClip
 
     task_array = np.asarray(tasks, dtype=np.float32)
     if not 1 <= len(task_array) <= FEW_TASKS:
-        raise ValueError(f"`tasks` holds {len(task_array)} tasks: give 1 to {FEW_TASKS}.")
+        raise ValueError(f"tasks holds {len(task_array)} tasks: give 1 to {FEW_TASKS}.")
     envs = [make_env() for _ in task_array]
     fps = envs[0].metadata.get("render_fps", 30)
     episodes = [_episode(model, env, task, seed, vec_normalize) for env, task in zip(envs, task_array, strict=True)]
-    frames = _draw([task_label(task) for task in task_array], episodes)
+    frames = _draw([task_title(task) for task in task_array], episodes)
     ImageSequenceClip(frames, fps=fps).write_videofile(str(path), logger=None)
 
 
 def _episode(
     model: TaskInference, env: gym.Env[Any, Any], task: NDArray[np.float32], seed: int, normalize: VecNormalize | None
 ) -> tuple[Frames, list[TaskBelief]]:
-    """What was seen and what was believed at each step."""
+    """Play one episode; return the image and the belief at each step."""
     if env.render_mode != "rgb_array":
-        raise ValueError(f"`make_env` made an env with render_mode={env.render_mode!r}: use 'rgb_array'.")
+        raise ValueError(f"make_env made an env with render_mode={env.render_mode!r}: use 'rgb_array'.")
     frames, beliefs = [], []
     observation, _ = env.reset(seed=seed, options={"task": task})
     state, over = None, False
@@ -70,8 +73,8 @@ def _episode(
     return frames, beliefs
 
 
-def _draw(labels: list[str], episodes: list[tuple[Frames, list[TaskBelief]]]) -> Frames:
-    """The episodes side by side, one image per step; an episode that ended early keeps its last."""
+def _draw(titles: list[str], episodes: list[tuple[Frames, list[TaskBelief]]]) -> Frames:
+    """Draw the episodes side by side, one image per step; an episode that ended early keeps its last image."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -80,10 +83,10 @@ def _draw(labels: list[str], episodes: list[tuple[Frames, list[TaskBelief]]]) ->
     canvas = FigureCanvasAgg(figure)
     panels = figure.subplots(2, len(episodes), squeeze=False, height_ratios=(3, 2), sharey="row")
     images, cursors = [], []
-    for column, (label, (frames, beliefs)) in enumerate(zip(labels, episodes, strict=True)):
+    for column, (title, (frames, beliefs)) in enumerate(zip(titles, episodes, strict=True)):
         picture, chart = panels[0, column], panels[1, column]
         picture.set_axis_off()
-        picture.set_title(f"task {label}", fontsize=9)
+        picture.set_title(title, fontsize=9)
         images.append(picture.imshow(frames[0]))
         mean = np.concatenate([belief.mean for belief in beliefs])  # (steps, latent_dim)
         spread = np.sqrt(np.concatenate([belief.var for belief in beliefs]))

@@ -1,4 +1,4 @@
-"""A page of results: the table and the figures of all runs that were recorded."""
+"""Writes a page of results: the tables and the figures of all recorded runs."""
 
 from __future__ import annotations
 
@@ -9,55 +9,66 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.interquartile import Interval, interquartile_mean
-from sb3_bruno.plotting.style import Band, plot_bands, task_title
-from sb3_bruno.runs.record import Record
+from sb3_bruno.evaluation.task_names import pooled_title, task_title
+from sb3_bruno.plotting.style import plot_bands
+from sb3_bruno.runs.record import RunRecord
 
-Methods = dict[str, list[Record]]
+Methods = dict[str, list[RunRecord]]
+"""The runs of each method, one per seed, by its name."""
 
 
-def write_page(records: Sequence[Record], out: Path) -> str:
-    """Write the table and the figures of all records to a folder.
+def write_page(records: Sequence[RunRecord], out: Path) -> str:
+    """Write the tables and the figures of all records to a folder.
 
-    :return: the table, in Markdown
-    :raises ValueError: if the records were tested over different numbers of steps
+    Returns:
+        The tables, in Markdown.
+
+    Raises:
+        ValueError: if the records were tested over different numbers of steps.
     """
     methods: Methods = {}
     for record in records:
         methods.setdefault(record.method, []).append(record)
     page = "\n".join([*by_method(methods), "", *by_run(methods), "", *provenance(methods)]) + "\n"
     (out / "table.md").write_text(page, encoding="utf-8")
-    seeds, episodes = ("Line: mean. Band: lowest to highest " + one for one in ("seed.", "episode of all seeds."))
+    over_seeds = "Line: mean. Band: lowest to highest seed."
+    over_episodes = "Line: mean. Band: lowest to highest episode of all seeds."
     curves, rewards = out / "learning_curves.png", out / "adaptation.png"
-    plot_bands(learning_bands(methods), curves, "environment steps of training", "test return", seeds)
-    clocked = {name: runs for name, runs in methods.items() if all(map(_knows_its_clock, runs))}
+    plot_bands(learning_bands(methods), curves, "environment steps of training", "test return", over_seeds)
+    clocked = {name: runs for name, runs in methods.items() if all(map(_has_clock, runs))}
     if clocked:
         minutes = out / "wall_time.png"
-        plot_bands(learning_bands(clocked, by_clock=True), minutes, "minutes of training", "test return", seeds)
-    plot_bands(reward_bands(methods), rewards, "environment step", "reward", episodes)
+        plot_bands(learning_bands(clocked, by_clock=True), minutes, "minutes of training", "test return", over_seeds)
+    plot_bands(reward_bands(methods), rewards, "environment step", "reward", over_episodes)
     return page
 
 
-def check_budgets(records: Iterable[Record]) -> None:
-    """Refuse a mean over runs of one method that differ in env, length or the tasks of their test."""
+def check_budgets(records: Iterable[RunRecord]) -> None:
+    """Refuse runs of one method that differ in environment, length or test tasks: no mean over them makes sense.
+
+    Raises:
+        ValueError: if a method has such runs.
+    """
     budgets: dict[str, set[str]] = {}
     tasks: dict[str, set[str]] = {}
     for run in records:
         budget = f"{_config(run)['env_steps']:,} env steps of {_config(run)['env']}"
         budgets.setdefault(run.method, set()).add(budget)
         tasks.setdefault(run.method, set()).add(" ".join(run.episodes["task"].unique()))
-    for method, of_method in budgets.items():
-        if len(of_method) > 1:
-            raise ValueError(f"{method} has runs of {' and of '.join(sorted(of_method))}: give each a page of its own")
+    for method, found in budgets.items():
+        if len(found) > 1:
+            raise ValueError(f"{method} has runs of {' and of '.join(sorted(found))}: give each a page of its own")
         if len(tasks[method]) > 1:
             raise ValueError(f"{method} has runs that were tested on different tasks: give each a page of its own")
 
 
 def by_method(methods: Methods) -> list[str]:
-    """The interquartile mean over seeds of each measure's mean over the tasks; the lowest episode of all beside it."""
+    """Write the table with a row per method: interquartile means over the seeds of each measure's mean over tasks."""
     measures = _measures(methods)
     parts = {part: tasks for run in _all(methods) for part, tasks in run.parts().items()}
-    columns = [_column(one) for one in measures] + [f"{_column(measures[-1])}, {part}" for part in parts]
+    columns = [*map(_column, measures), *(f"{_column(measures[-1])}, {part}" for part in parts)]
     lines = _header(["method", "seeds", "env steps", *columns, "lowest episode", "steps to 90 %", "wall minutes"])
     for name, runs in methods.items():
         cells = [name, str(len(runs)), f"{_config(runs[0])['env_steps']:,}"]
@@ -76,7 +87,7 @@ def by_method(methods: Methods) -> list[str]:
 
 
 def by_run(methods: Methods) -> list[str]:
-    """One row per seed: the mean return of the final test, its lowest episode, and the commits of training and test."""
+    """Write the table with a row per seed: means of the final test, lowest episode, commits of training and test."""
     measures = _measures(methods)
     lines = _header(["run", "seed", *map(_column, measures), "lowest episode", "trained at", "tested at"])
     for name, runs in methods.items():
@@ -90,46 +101,54 @@ def by_run(methods: Methods) -> list[str]:
 
 
 def provenance(methods: Methods) -> list[str]:
-    """What the numbers are, and the versions that made them."""
+    """Say what the numbers are, and which versions made them."""
     versions = _all(methods)[0].about["versions"]
     splits = sorted({_config(run)["split"] for run in _all(methods) if "split" in _config(run)})
-    tasks = " and ".join(splits) + " tasks" if splits else "tasks"
+    tasks = f"{' and '.join(splits)} tasks".strip()
     names = ("python", "torch", "stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "zuko")
     return [
-        f"Final test: deterministic unless called stochastic, mean over the {tasks} that a method was given; by method "
-        "the interquartile mean over seeds of that, which is the mean where they are three or fewer, with the 95 % "
-        "interval of the bootstrap over seeds; so are parts and steps, and the lowest episode is that of all seeds.",
+        "Final test, with deterministic actions unless the method is called stochastic. "
+        f"Each run: mean over the {tasks} that the method was given. "
+        "Each method: interquartile mean over seeds (plain mean for three or fewer), with a 95 % bootstrap interval. "
+        "The columns of parts and of steps to 90 % hold such means too; the lowest episode is that of all seeds.",
         "Versions: " + ", ".join(f"{name} {versions[name]}" for name in names if name in versions) + ".",
     ]
 
 
 def _over_seeds(means: Sequence[float]) -> Interval:
+    """Return the interquartile mean of the seeds' means, with its interval."""
     return interquartile_mean(np.array(means)[:, None])
 
 
 def learning_bands(methods: Methods, *, by_clock: bool = False) -> dict[str, dict[str, Band]]:
-    """By panel and method, the test return while training: the mean over seeds, and their range.
+    """Compute the test return while training, by panel and method: the mean over the seeds, and their range.
 
-    By environment steps, or by the minutes that the seeds took for them, in the mean.
+    Args:
+        methods: the runs of each method.
+        by_clock: whether x counts minutes of training, averaged over the seeds; if not, it counts environment steps.
     """
     panels: dict[str, dict[str, Band]] = {}
     tasks = _few_tasks(methods)
     for task in tasks or [""]:
         for name, runs in methods.items():
             curves = [run.learning if not task else run.learning[run.learning["task"] == task] for run in runs]
-            if any(one.empty for one in curves):
-                continue  # a method of other tasks
-            means = pd.concat([one.groupby("timesteps")["return"].mean() for one in curves], axis=1).dropna()
-            band = _band(means)
+            if any(curve.empty for curve in curves):
+                continue  # this method has other tasks
+            returns = _means(curves, "return").dropna()  # as far as the shortest run goes
+            x = returns.index.to_numpy()
             if by_clock:
-                seconds = pd.concat([one.groupby("timesteps")["seconds"].mean() for one in curves], axis=1)
-                band = band._replace(x=seconds.loc[means.index].mean(axis=1).to_numpy() / 60)
-            panels.setdefault(_title(task, methods), {})[name] = band
+                x = _means(curves, "seconds").loc[returns.index].mean(axis=1).to_numpy() / 60
+            panels.setdefault(_title(task, methods), {})[name] = Band.of(x, returns.to_numpy().T)
     return panels
 
 
+def _means(curves: Sequence[pd.DataFrame], column: str) -> pd.DataFrame:
+    """Average a column over the episodes of each evaluation: a row per evaluation, a column per run."""
+    return pd.concat([curve.groupby("timesteps")[column].mean() for curve in curves], axis=1)
+
+
 def reward_bands(methods: Methods) -> dict[str, dict[str, Band]]:
-    """By panel and method, the reward at each step of the final test: the mean, the lowest and the highest episode."""
+    """Compute the reward at each step of the final test, by panel and method: mean, lowest and highest episode."""
     panels: dict[str, dict[str, Band]] = {}
     for name, runs in methods.items():
         pooled = pd.concat([run.rewards for run in runs]).groupby(["task", "step"], sort=False)
@@ -141,59 +160,51 @@ def reward_bands(methods: Methods) -> dict[str, dict[str, Band]]:
     return panels
 
 
-def _band(means: pd.DataFrame) -> Band:
-    """means: a row per x, a column per seed."""
-    return Band(
-        means.index.to_numpy(), *(one.to_numpy() for one in (means.mean(axis=1), means.min(axis=1), means.max(axis=1)))
-    )
-
-
 def _few_tasks(methods: Methods) -> Sequence[str]:
-    """The tasks of all runs together, if each has few enough for a panel and a column each."""
+    """Return the tasks of all runs together; none if some run has so many that its record pools them."""
     tasks = dict.fromkeys(task for run in _all(methods) for task in run.rewards["task"].unique())
     return [] if "all" in tasks else list(tasks)
 
 
 def _title(task: str, methods: Methods) -> str:
-    if task:
-        return task_title(np.array(task.split("_"), dtype=np.float64))
-    return f"{max(run.episodes['task'].nunique() for run in _all(methods))} tasks"
+    """Return the title of a task's panel, or of the panel for all tasks if ``task`` is empty."""
+    return task_title(task) if task else pooled_title(max(run.episodes["task"].nunique() for run in _all(methods)))
 
 
-def _knows_its_clock(run: Record) -> bool:
+def _has_clock(run: RunRecord) -> bool:
     return "seconds" in run.learning and bool(run.learning["seconds"].notna().all())
 
 
-def _all(methods: Methods) -> list[Record]:
+def _all(methods: Methods) -> list[RunRecord]:
     return [run for runs in methods.values() for run in runs]
 
 
-def _config(run: Record) -> Mapping[str, Any]:
+def _config(run: RunRecord) -> Mapping[str, Any]:
     config: Mapping[str, Any] = run.about["config"]
     return config
 
 
-def _minutes(run: Record) -> str:
+def _minutes(run: RunRecord) -> str:
     seconds = _config(run).get("wall_seconds")
     return "?" if seconds is None else f"{seconds / 60:.0f}"
 
 
 def _measures(methods: Methods) -> list[str]:
-    """What all runs measured, the longest horizon last."""
+    """Return the measures that all runs have, the longest horizon last."""
     first, *others = _all(methods)
-    measures = [one for one in first.measures if all(one in other.measures for other in others)]
+    measures = [measure for measure in first.measures if all(measure in other.measures for other in others)]
     if not measures:
         raise ValueError("the runs were tested over different numbers of steps: evaluate all with the same --steps")
     return measures
 
 
 def _short(commit: str) -> str:
-    """As git shortens it; a clone with changes keeps its mark."""
+    """Shorten a commit as git does; ``-dirty`` stays."""
     return commit[:7] + ("-dirty" if commit.endswith("-dirty") else "")
 
 
 def _column(measure: str) -> str:
-    """return_1000 is "1,000 steps", episode_2 is "episode 2"."""
+    """Return the head of a measure's column: "1,000 steps" for return_1000, "episode 2" for episode_2."""
     kind, number = measure.split("_")
     return f"{int(number):,} steps" if kind == "return" else f"episode {number}"
 

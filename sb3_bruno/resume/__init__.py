@@ -1,4 +1,4 @@
-"""Exact resume: a checkpoint of all that a training run stands on."""
+"""Exact resume: checkpoints from which a training run continues as if it had never stopped."""
 
 from sb3_bruno.resume.checkpoint import ResumeCallback, resume, save_checkpoint
 

@@ -1,4 +1,4 @@
-"""Exact resume: a checkpoint of everything a training run stands on, whole after a kill at any moment."""
+"""Saves checkpoints from which a training run continues exactly; a kill at any moment leaves the last one whole."""
 
 from __future__ import annotations
 
@@ -22,21 +22,24 @@ from sb3_bruno.resume.env_state import EnvState, restore_envs, restore_wrappers,
 
 
 class ResumeCallback(BaseCallback):
-    """Keep a checkpoint from which ``resume`` goes on as if nothing had happened.
+    """Saves a checkpoint now and then, from which ``resume`` continues as if nothing had happened.
 
-    It is taken at the start of a rollout, where no transition is half stored, written to a temporary file and
-    renamed, so that the file at ``path`` is whole whenever the process dies.
+    A checkpoint is saved at the start of a rollout, because then no transition is half stored. It is written to a
+    temporary file, which then replaces the last checkpoint. So the file at ``path`` is whole whenever the process dies.
 
-    :param path: the checkpoint file; each checkpoint replaces the last
-    :param save_freq: env steps between checkpoints
-    :param verbose: 1 to print a line per checkpoint
-    :raises ValueError: if ``save_freq`` is not positive, or the model is not off-policy
+    Args:
+        path: the checkpoint file; each checkpoint replaces the last.
+        save_freq: environment steps between two checkpoints.
+        verbose: 1 prints a line for each checkpoint.
+
+    Raises:
+        ValueError: if ``save_freq`` is not positive, or the model is not off-policy.
     """
 
     def __init__(self, path: str | pathlib.Path, save_freq: int = 10_000, verbose: int = 0) -> None:
         super().__init__(verbose)
         if save_freq < 1:
-            raise ValueError(f"`save_freq` must be at least 1 env step, got {save_freq}.")
+            raise ValueError(f"save_freq={save_freq} is not positive: give the env steps between two checkpoints.")
         self.path = pathlib.Path(path)
         self.save_freq = save_freq
         self._saved_at = 0
@@ -44,8 +47,8 @@ class ResumeCallback(BaseCallback):
     def _init_callback(self) -> None:
         if not isinstance(self.model, OffPolicyAlgorithm):
             raise ValueError(
-                f"Only off-policy algorithms can be resumed exactly, got {type(self.model).__name__}: use SB3's "
-                "CheckpointCallback."
+                f"model is of class {type(self.model).__name__}, and only off-policy ones can be resumed exactly: use "
+                "SB3's CheckpointCallback."
             )
 
     def _on_training_start(self) -> None:
@@ -55,7 +58,7 @@ class ResumeCallback(BaseCallback):
         if self.model.num_timesteps - self._saved_at < self.save_freq:
             return
         self._saved_at = self.model.num_timesteps
-        assert isinstance(self.model, OffPolicyAlgorithm)  # checked at the start
+        assert isinstance(self.model, OffPolicyAlgorithm)  # for mypy: _init_callback checked it
         save_checkpoint(self.model, self.path)
         if self.verbose > 0:
             print(f"Checkpoint at {self._saved_at} env steps: {self.path}")
@@ -67,12 +70,13 @@ class ResumeCallback(BaseCallback):
 def save_checkpoint(model: OffPolicyAlgorithm, path: str | pathlib.Path) -> None:
     """Save model, optimisers, replay buffer, counters, random states, beliefs, envs and their wrappers to one file.
 
-    :param model: a model that is at the start of a rollout
-    :param path: the file; an older one there stays whole until the new one takes its place
+    Args:
+        model: a model at the start of a rollout.
+        path: the file to write; an older file there stays whole until the new one replaces it.
     """
     path = pathlib.Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    assert model.env is not None  # it is at the start of a rollout
+    assert model.env is not None  # for mypy: a model in training has one
     archive = io.BytesIO()
     model.save(archive)
     checkpoint = {
@@ -82,7 +86,7 @@ def save_checkpoint(model: OffPolicyAlgorithm, path: str | pathlib.Path) -> None
         "random": _random_states(model),
         "envs": save_envs(model.env),
     }
-    unfinished = path.with_name(path.name + ".tmp")  # one a kill left behind is overwritten
+    unfinished = path.with_name(path.name + ".tmp")  # overwrites what a kill left there
     with open(unfinished, "wb") as file:
         cloudpickle.dump(checkpoint, file)
         file.flush()
@@ -91,32 +95,40 @@ def save_checkpoint(model: OffPolicyAlgorithm, path: str | pathlib.Path) -> None
 
 
 def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "auto") -> OffPolicyAlgorithm:
-    """Load a checkpoint of ``ResumeCallback``; go on with ``learn(remaining, reset_num_timesteps=False)``.
+    """Load a checkpoint of ``ResumeCallback``; continue with ``learn(remaining, reset_num_timesteps=False)``.
 
-    With the same total of env steps the run equals the uninterrupted one, bit for bit on the same machine (gSDE's
-    exploration matrix and correlated action noise excepted: they are drawn anew). Envs whose state cannot be saved
-    go on with a new episode, which a warning says. Monitors write to the files of ``env``; where these were opened
-    with ``override_existing=False``, rows written after the checkpoint are cut off, but for those of a SubprocVecEnv.
+    If the total number of environment steps is the same, the run equals the uninterrupted one, bit for bit on the same
+    machine. There are two exceptions: gSDE's exploration matrix and correlated action noise are drawn anew.
 
-    Example: a run of 100,000 steps goes on with
+    Environments whose state cannot be saved begin a new episode, and a warning says so. Monitors write to the files of
+    ``env``. If a file was opened with ``override_existing=False``, the rows written after the checkpoint are cut off,
+    except in a SubprocVecEnv.
+
+    Args:
+        path: the checkpoint file.
+        env: environments made and wrapped as for the first start; an outermost VecNormalize may be left out.
+        device: PyTorch device.
+
+    Returns:
+        The model, at the start of a rollout.
+
+    Raises:
+        FileNotFoundError: if there is no checkpoint at ``path``.
+        ValueError: if the file is damaged or of another version, or if ``env`` has other wrappers, or another number of
+            envs or Monitors, than the checkpoint.
+
+    Example:
+        Continue a run of 100,000 steps:
 
         >>> model = resume("run/checkpoint.pkl", make_env())
         >>> model.learn(100_000 - model.num_timesteps, ResumeCallback("run/checkpoint.pkl"), reset_num_timesteps=False)
-
-    :param path: the checkpoint file
-    :param env: envs made and wrapped as they were for the first start; an outermost VecNormalize may be left out
-    :param device: PyTorch device
-    :return: the model, at the start of a rollout
-    :raises FileNotFoundError: if there is no checkpoint at ``path``
-    :raises ValueError: if the file is damaged or of another version, or ``env`` has other wrappers, or another number
-        of envs or Monitors, than the checkpoint
     """
     checkpoint = _read(path)
     buffer, state = checkpoint["replay_buffer"], checkpoint["envs"]
     assert isinstance(state, EnvState)  # for mypy
     vec_env = OffPolicyAlgorithm._wrap_env(env)
     if vec_env.num_envs != buffer.n_envs:
-        raise ValueError(f"`env` has {vec_env.num_envs} envs, the checkpoint {buffer.n_envs}: make as many.")
+        raise ValueError(f"env has {vec_env.num_envs} envs, the checkpoint {buffer.n_envs}: make as many.")
     vec_env = restore_wrappers(vec_env, state.wrappers)
     model: OffPolicyAlgorithm = checkpoint["class"].load(
         io.BytesIO(checkpoint["model"]), env=vec_env, device=device, force_reset=False
@@ -131,24 +143,26 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
     if state.envs is None:
         warnings.warn(f"The run goes on with a new episode, because {state.missing_because}.", stacklevel=2)
         model._last_obs = None
-        vec_env.seed((model.seed or 0) + model.num_timesteps)  # or the run's first episodes would come again
+        vec_env.seed((model.seed or 0) + model.num_timesteps)  # or the first episodes would repeat
     _set_random_states(model, checkpoint["random"])
     return model
 
 
 def _read(path: str | pathlib.Path) -> dict[str, Any]:
+    """Unpickle a checkpoint; raise a ValueError that explains whatever unpickling raises."""
     with open(path, "rb") as file:
         try:
             checkpoint: dict[str, Any] = cloudpickle.load(file)
-        except Exception as error:  # whatever bytes cut short, or classes that have changed since, make of it
+        except Exception as error:  # a damaged file, or classes that have changed, may raise anything
             raise ValueError(
-                f"{path} cannot be read ({error}): it is damaged, or of another version of sb3_bruno. Go on with the "
-                "version that wrote it."
+                f"path={path} cannot be read ({error}): it is damaged, or of another version of sb3_bruno. "
+                "Resume with the version that wrote it."
             ) from error
     return checkpoint
 
 
 def _random_states(model: OffPolicyAlgorithm) -> dict[str, Any]:
+    """Return the states of all generators that training draws from, by name."""
     return {
         "python": random.getstate(),
         "numpy": np.random.get_state(),  # noqa: NPY002  # what SB3 draws from
@@ -159,6 +173,7 @@ def _random_states(model: OffPolicyAlgorithm) -> dict[str, Any]:
 
 
 def _set_random_states(model: OffPolicyAlgorithm, states: dict[str, Any]) -> None:
+    """Restore the states of all generators; those of the GPUs only if there are as many GPUs as before."""
     random.setstate(states["python"])
     np.random.set_state(states["numpy"])  # noqa: NPY002
     th.set_rng_state(states["torch"])

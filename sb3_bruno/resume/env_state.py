@@ -1,8 +1,10 @@
-"""The state of environments in mid-episode, of what wraps them and of their monitor files, to be pickled."""
+"""Saves environments in the middle of an episode, with their wrappers and monitor files, and restores them."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import cloudpickle
@@ -11,121 +13,184 @@ from gymnasium.utils import EzPickle
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper, VecMonitor, VecNormalize
 
-_OF_A_PROCESS = {"venv", "class_attributes", "results_writer"}
-"""Attributes of a VecEnvWrapper that another process has its own of."""
+_PER_PROCESS = {"venv", "class_attributes", "results_writer"}
+"""VecEnvWrapper attributes that belong to one process and must not be restored in another."""
 
 
 class WrapperState(NamedTuple):
-    """:ivar kind: the class of a VecEnvWrapper
-    :ivar attributes: its own, pickled; None if they cannot be
+    """A VecEnvWrapper as it was saved.
+
+    Attributes:
+        kind: the class of the wrapper.
+        attributes: the wrapper's attributes, pickled; None if they cannot be pickled.
     """
 
     kind: type[VecEnvWrapper]
     attributes: bytes | None
 
 
+class MonitorState(NamedTuple):
+    """A Monitor as it was saved.
+
+    Attributes:
+        file_size: bytes written to the monitor file so far; 0 without a file.
+        seconds: seconds that the Monitor's clock had run.
+    """
+
+    file_size: int
+    seconds: float
+
+
 class EnvState(NamedTuple):
-    """:ivar envs: the environments, pickled; None if they cannot be
-    :ivar missing_because: why not
-    :ivar wrappers: of the VecEnvWrappers around them, outermost first
-    :ivar monitor_sizes: how far each Monitor's file had been written, in bytes; 0 where there is none
-    :ivar monitor_seconds: for how long each Monitor's clock had run
+    """The environments of a training run as they were saved.
+
+    Attributes:
+        envs: the environments, pickled; None if they cannot be pickled.
+        missing_because: why ``envs`` is None; empty otherwise.
+        wrappers: the VecEnvWrappers around the environments, outermost first.
+        monitors: the Monitors, in the order of the environments; None if they live in other processes.
     """
 
     envs: bytes | None
     missing_because: str
     wrappers: list[WrapperState]
-    monitor_sizes: list[int]
-    monitor_seconds: list[float]
+    monitors: list[MonitorState] | None
 
 
 def save_envs(vec_env: VecEnv) -> EnvState:
-    """The state of the environments inside ``vec_env`` and whatever wraps it."""
+    """Save the environments inside ``vec_env``, its wrappers and the progress of its Monitors."""
     inner = vec_env.unwrapped
-    wrappers = [WrapperState(type(wrapper), _attributes(wrapper)) for wrapper in _wrappers(vec_env)]
+    wrappers = [_save_wrapper(wrapper) for wrapper in _wrappers(vec_env)]
     if not isinstance(inner, DummyVecEnv):
         why = f"the state of envs inside {type(inner).__name__} cannot be reached"
-        return EnvState(None, why, wrappers, [], [])
-    writers = [monitor.results_writer for monitor in _monitors(inner)]
-    sizes = [0 if writer is None else writer.file_handler.tell() for writer in writers]
-    seconds = [time.time() - monitor.t_start for monitor in _monitors(inner)]
-    _set_writers(inner, [None] * len(writers))  # an open file cannot be pickled
+        return EnvState(None, why, wrappers, None)
+    monitors = _monitors(inner)
+    states = [_save_monitor(monitor) for monitor in monitors]
     try:
-        return EnvState(_pickled(inner, wrappers), "", wrappers, sizes, seconds)
+        _check_wrappers(wrappers)
+        with _no_open_files(monitors):
+            return EnvState(_pickle_envs(inner), "", wrappers, states)
     except _NotPickled as error:
-        return EnvState(None, str(error), wrappers, sizes, seconds)
-    finally:
-        _set_writers(inner, writers)
+        return EnvState(None, str(error), wrappers, states)
 
 
 def restore_envs(vec_env: VecEnv, state: EnvState) -> None:
-    """Put saved environments in the place of new ones, whose monitor files they go on to write.
+    """Replace the environments inside ``vec_env`` by the saved ones, which write on in the new ones' monitor files.
 
-    Of a file that was opened to be appended to, what was written after the state was saved is cut off. The Monitors'
-    clocks go on from where they were saved.
+    A monitor file that was opened for appending is cut off where it ended when the state was saved. The clocks of the
+    Monitors continue from what they showed then. If the environments could not be saved, the new ones stay, and only
+    files and clocks are restored. In other processes nothing can be restored.
 
-    :raises ValueError: if ``vec_env`` has another number of Monitors
+    Raises:
+        ValueError: if ``vec_env`` has another number of Monitors than were saved.
     """
     inner = vec_env.unwrapped
-    if not isinstance(inner, DummyVecEnv):
+    if not isinstance(inner, DummyVecEnv) or state.monitors is None:
         return
-    writers = [monitor.results_writer for monitor in _monitors(inner)]
-    if len(writers) != len(state.monitor_sizes) and state.monitor_sizes:  # none known of subprocesses
+    new = _monitors(inner)
+    if len(new) != len(state.monitors):
         raise ValueError(
-            f"`env` has {len(writers)} Monitors, the checkpoint {len(state.monitor_sizes)}: make the envs as they were."
+            f"env has {len(new)} Monitors, the checkpoint {len(state.monitors)}: make the envs as they were made first."
         )
-    for writer, size in zip(writers, state.monitor_sizes, strict=False):
-        if writer is not None and writer.file_handler.mode.startswith("a"):
-            writer.file_handler.truncate(min(size, writer.file_handler.tell()))
+    for monitor, saved in zip(new, state.monitors, strict=True):
+        _cut_file(monitor, saved.file_size)
     if state.envs is not None:
         inner.envs = cloudpickle.loads(state.envs)
-        _set_writers(inner, writers)
-        inner._reset_seeds()
-    for monitor, seconds in zip(_monitors(inner), state.monitor_seconds, strict=False):
-        monitor.t_start = time.time() - seconds
+        inner._reset_seeds()  # or the next reset would seed the restored environments anew
+        for restored, monitor in zip(_monitors(inner), new, strict=True):
+            restored.results_writer = monitor.results_writer
+    for monitor, saved in zip(_monitors(inner), state.monitors, strict=True):
+        monitor.t_start = time.time() - saved.seconds
 
 
 def restore_wrappers(vec_env: VecEnv, states: list[WrapperState]) -> VecEnv:
-    """Put saved attributes in the place of those of new wrappers; a VecMonitor's clock goes on.
+    """Give the wrappers of ``vec_env`` the saved attributes. The clock of a VecMonitor continues.
 
-    :return: ``vec_env``, in the VecNormalize that was outermost where just that was left out
-    :raises ValueError: if ``vec_env`` is otherwise wrapped than the environments were
+    Returns:
+        ``vec_env``. If only the outermost VecNormalize is missing, one is put around it.
+
+    Raises:
+        ValueError: if the wrappers are not those that were saved.
     """
-    kinds = [state.kind for state in states]
-    if kinds == [VecNormalize, *map(type, _wrappers(vec_env))]:
+    wanted = [state.kind for state in states]
+    if wanted == [VecNormalize, *map(type, _wrappers(vec_env))]:
         vec_env = VecNormalize(vec_env, norm_obs=False)
-    found = _wrappers(vec_env)
-    if kinds != [type(wrapper) for wrapper in found]:
-        given, wanted = ([kind.__name__ for kind in ones] for ones in (map(type, found), kinds))
-        raise ValueError(f"`env` is wrapped in {given}, outermost first, the checkpoint's in {wanted}: wrap it alike.")
-    for wrapper, state in zip(found, states, strict=True):
+    wrappers = _wrappers(vec_env)
+    given = [type(wrapper) for wrapper in wrappers]
+    if given != wanted:
+        raise ValueError(
+            f"env is wrapped in {_names(given)}, outermost first, the checkpoint's in {_names(wanted)}: wrap it alike."
+        )
+    for wrapper, state in zip(wrappers, states, strict=True):
         if state.attributes is not None:
             vars(wrapper).update(cloudpickle.loads(state.attributes))
-        if isinstance(wrapper, VecMonitor) and state.attributes is not None:
-            wrapper.t_start += time.time()
+            if isinstance(wrapper, VecMonitor):
+                wrapper.t_start += time.time()  # saved as minus the seconds that its clock had run
     return vec_env
 
 
 class _NotPickled(Exception):
-    """Says why the environments' state is lost."""
+    """Raised with the reason why the environments cannot be saved."""
 
 
-def _pickled(inner: DummyVecEnv, wrappers: list[WrapperState]) -> bytes:
+def _save_wrapper(wrapper: VecEnvWrapper) -> WrapperState:
+    """Pickle the attributes of a wrapper, except those that belong to this process."""
+    kept = {name: value for name, value in vars(wrapper).items() if name not in _PER_PROCESS}
+    if isinstance(wrapper, VecMonitor):
+        kept["t_start"] -= time.time()
+    try:
+        return WrapperState(type(wrapper), cloudpickle.dumps(kept))
+    except Exception:  # a user's wrapper may raise anything when it is pickled
+        return WrapperState(type(wrapper), None)
+
+
+def _save_monitor(monitor: Monitor[Any, Any]) -> MonitorState:
+    """Note how far the file and the clock of a Monitor have come."""
+    writer = monitor.results_writer
+    return MonitorState(0 if writer is None else writer.file_handler.tell(), time.time() - monitor.t_start)
+
+
+def _check_wrappers(wrappers: list[WrapperState]) -> None:
+    """Raise _NotPickled if a wrapper lost its attributes: a restored environment would no longer fit to it."""
     for kind, attributes in wrappers:
         if attributes is None:
             raise _NotPickled(f"{kind.__name__} cannot be pickled")
-    for layer in (layer for env in inner.envs for layer in _layers(env)):
-        # EzPickle makes a new env of the constructor's arguments: the state in between is lost.
+
+
+def _pickle_envs(vec_env: DummyVecEnv) -> bytes:
+    """Pickle the environments; raise _NotPickled if that fails or would lose their state."""
+    for layer in (layer for env in vec_env.envs for layer in _layers(env)):
+        # EzPickle keeps only the constructor's arguments and makes a new environment of them.
         if isinstance(layer, EzPickle) and type(layer).__getstate__ is EzPickle.__getstate__:
             raise _NotPickled(f"{type(layer).__name__} pickles its constructor's arguments, not its state")
     try:
-        return bytes(cloudpickle.dumps(inner.envs))
-    except Exception as error:  # whatever a user's env raises when it is pickled
+        return bytes(cloudpickle.dumps(vec_env.envs))
+    except Exception as error:  # a user's environment may raise anything when it is pickled
         raise _NotPickled(f"the envs cannot be pickled ({error})") from error
 
 
+@contextmanager
+def _no_open_files(monitors: list[Monitor[Any, Any]]) -> Iterator[None]:
+    """Take the files away from the Monitors for a while: an open file cannot be pickled."""
+    writers = [monitor.results_writer for monitor in monitors]
+    for monitor in monitors:
+        monitor.results_writer = None
+    try:
+        yield
+    finally:
+        for monitor, writer in zip(monitors, writers, strict=True):
+            monitor.results_writer = writer
+
+
+def _cut_file(monitor: Monitor[Any, Any], size: int) -> None:
+    """Cut off what was written to an appended monitor file beyond ``size`` bytes."""
+    writer = monitor.results_writer
+    if writer is not None and writer.file_handler.mode.startswith("a"):
+        writer.file_handler.truncate(min(size, writer.file_handler.tell()))
+
+
 def _wrappers(vec_env: VecEnv) -> list[VecEnvWrapper]:
-    """Outermost first."""
+    """List the wrappers around a VecEnv, outermost first."""
     wrappers = []
     while isinstance(vec_env, VecEnvWrapper):
         wrappers.append(vec_env)
@@ -133,26 +198,17 @@ def _wrappers(vec_env: VecEnv) -> list[VecEnvWrapper]:
     return wrappers
 
 
-def _attributes(wrapper: VecEnvWrapper) -> bytes | None:
-    held = {name: value for name, value in vars(wrapper).items() if name not in _OF_A_PROCESS}
-    if isinstance(wrapper, VecMonitor):
-        held["t_start"] -= time.time()
-    try:
-        return bytes(cloudpickle.dumps(held))
-    except Exception:  # whatever a user's wrapper raises when it is pickled
-        return None
-
-
-def _set_writers(vec_env: DummyVecEnv, writers: list[Any]) -> None:
-    for monitor, writer in zip(_monitors(vec_env), writers, strict=True):
-        monitor.results_writer = writer
+def _names(kinds: list[type[VecEnvWrapper]]) -> list[str]:
+    return [kind.__name__ for kind in kinds]
 
 
 def _monitors(vec_env: DummyVecEnv) -> list[Monitor[Any, Any]]:
+    """List the Monitors in all environments, in the order of the environments."""
     return [layer for env in vec_env.envs for layer in _layers(env) if isinstance(layer, Monitor)]
 
 
 def _layers(env: Env[Any, Any]) -> list[Env[Any, Any]]:
+    """List an environment's wrappers, outermost first, and the environment itself last."""
     layers = [env]
     while isinstance(layers[-1], Wrapper):
         layers.append(layers[-1].env)

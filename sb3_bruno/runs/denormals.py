@@ -1,4 +1,4 @@
-"""Numbers too small to be normal, on which a CPU is slow: flushed to zero in training (docs/performance.md)."""
+"""Flushes denormal numbers to zero in training: a CPU computes slowly with them (docs/performance.md)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import torch as th
 
 @contextmanager
 def flushed_denormals() -> Iterator[None]:
-    """Flush denormal numbers to zero on this thread, and leave it as torch starts: with them."""
+    """Flush denormal numbers to zero on this thread; at the end, keep them again, which is torch's default."""
     th.set_flush_denormal(True)
     try:
         yield

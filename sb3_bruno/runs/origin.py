@@ -1,4 +1,4 @@
-"""Where a run came from: the command that started it, and the versions that each of its parts was trained with."""
+"""Where a run came from: the command that started it, and the versions that trained each part of it."""
 
 from __future__ import annotations
 
@@ -12,28 +12,30 @@ ORIGIN = "sb3_bruno_origin.json"
 
 
 def save_origin(run: Path, command: list[str]) -> None:
-    """Write where a run comes from; one that goes on keeps its first command and adds its versions."""
+    """Write the origin of a run; a resumed run keeps its first command and adds the versions of now."""
     before = _load(run)
     origin = {"command": command, **before, "versions": [*before.get("versions", []), library_versions()]}
     (run / ORIGIN).write_text(json.dumps(origin, indent=1) + "\n", encoding="utf-8")
 
 
 def load_command(run: Path) -> list[str]:
-    """The command that started a run, its seed included.
+    """Return the command that started a run, with its seed.
 
-    :raises FileNotFoundError: if the folder holds none
+    Raises:
+        FileNotFoundError: if the folder holds no origin.
     """
     command: list[str] = json.loads((run / ORIGIN).read_text(encoding="utf-8"))["command"]
     return command
 
 
 def trained_at(run: Path) -> list[str]:
-    """The commits that a run was trained at, in order, or the package's versions where it was installed without one."""
+    """Return the commits that a run was trained at, in order; the package's version stands in for a missing commit."""
     parts = [part.get("commit", part.get("sb3_bruno", "?")) for part in _load(run).get("versions", [])]
     return list(dict.fromkeys(parts))
 
 
 def _load(run: Path) -> dict[str, Any]:
+    """Read the origin of a run, empty if there is none."""
     path = run / ORIGIN
     origin: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     return origin

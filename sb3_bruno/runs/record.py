@@ -1,6 +1,6 @@
-"""What is kept of a finished run: its settings, its learning curve and its final test, as JSON and CSV.
+"""The record of a finished run: its settings, its learning curve and its final test, as JSON and CSV.
 
-A few kilobytes per run, from which every table and figure of a results page is made.
+It takes a few kilobytes per run. Every table and figure of a results page is made from it.
 """
 
 from __future__ import annotations
@@ -11,27 +11,29 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from sb3_bruno.evaluation.adaptation_result import FEW_TASKS, AdaptationResult, task_label
+from sb3_bruno.evaluation.adaptation_result import AdaptationResult
+from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.eval_callback import LearningCurve, load_learning_curve
+from sb3_bruno.evaluation.task_names import FEW_TASKS, task_label
 from sb3_bruno.runs.clock import TrainingClock
 
 HORIZONS = (200, 1_000)
-"""Steps after which the returns of the final test are kept, beside its own: the paper's for curves and for the test."""
+"""Steps after which the final test's returns are kept too: the paper's, for its curves and for its test."""
 
 _ABOUT, _CURVE, _EPISODES, _REWARDS = "run.json", "learning_curve.csv", "episodes.csv", "rewards.csv"
 
 
-class Record(NamedTuple):
-    """One run.
+class RunRecord(NamedTuple):
+    """What is kept of one run.
 
     Attributes:
         about: config (algo, env, env_steps, seed, ...), versions, and the steps to 90 % of each task's steady reward.
-        learning: the test return of every episode while training: timesteps, seconds of training (NaN where no monitor
-            file tells), task, return.
-        episodes: the final test: task, episode, the ``measures``.
-        rewards: the final test: task (or "all"), step, and mean, lowest and highest reward over the episodes.
+        learning: every test episode while training: timesteps, seconds of training (NaN without monitor files), task,
+            return.
+        episodes: every episode of the final test: task, episode, and the ``measures``.
+        rewards: every step of the final test: task (or "all"), step, and the mean, lowest and highest reward over the
+            episodes.
     """
 
     about: dict[str, Any]
@@ -41,9 +43,9 @@ class Record(NamedTuple):
 
     @property
     def method(self) -> str:
-        """What the run is called in tables and figures: its algorithm, and what was chosen against its config.
+        """The name of the run in tables and figures: its algorithm, and every choice that differs from its config.
 
-        A test with actions drawn counts as such a choice.
+        A final test with sampled actions is such a choice: "stochastic".
         """
         config = self.about["config"]
         chosen = [config["conf"]] if config.get("conf") else []
@@ -52,7 +54,7 @@ class Record(NamedTuple):
         return f"{config['algo']} ({', '.join(chosen)})" if chosen else str(config["algo"])
 
     def save(self, folder: str | Path) -> None:
-        """Write the four files."""
+        """Write the four files of the record."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         (folder / _ABOUT).write_text(json.dumps(self.about, indent=1) + "\n", encoding="utf-8")
@@ -60,7 +62,7 @@ class Record(NamedTuple):
             table.to_csv(folder / name, index=False, float_format="%.7g", lineterminator="\n")
 
     @classmethod
-    def load(cls, folder: str | Path) -> Record:
+    def load(cls, folder: str | Path) -> RunRecord:
         """Read what ``save`` wrote."""
         folder = Path(folder)
         about = json.loads((folder / _ABOUT).read_text(encoding="utf-8"))
@@ -68,11 +70,11 @@ class Record(NamedTuple):
         return cls(about, *(pd.read_csv(folder / name, **read) for name in (_CURVE, _EPISODES, _REWARDS)))
 
     @classmethod
-    def from_run(cls, folder: str | Path) -> Record:
-        """What to keep of a run's folder, which holds the curve of TaskEvalCallback and ``adaptation.json``.
+    def from_run(cls, folder: str | Path) -> RunRecord:
+        """Make the record of a run from its folder, which holds TaskEvalCallback's curve and ``adaptation.json``.
 
         Raises:
-            ValueError: if the folder does not hold them.
+            ValueError: if the folder lacks one of them.
         """
         folder = Path(folder)
         result = AdaptationResult.load(folder / "adaptation.json")
@@ -87,16 +89,20 @@ class Record(NamedTuple):
 
     @property
     def measures(self) -> list[str]:
-        """What was measured: return_200 and the like, after as many steps; of trials, episode_1 and so on too."""
+        """Names of what was measured: return_200 is the return after 200 steps, episode_1 that of a trial's first."""
         return [str(name) for name in self.episodes.columns.drop(["task", "episode"])]
 
     def scores(self, measure: str) -> pd.Series[float]:
-        """The mean of each task over its episodes of the final test, by task."""
+        """Average a measure over the episodes of each task in the final test, by task."""
         means: pd.Series[float] = self.episodes.groupby("task", sort=False)[measure].mean()
         return means
 
     def parts(self) -> dict[str, list[str]]:
-        """Tasks to tell apart, by name: each of a few; of many, those inside and outside the training tasks' box."""
+        """Group the tasks that a table shows apart, by name.
+
+        A few tasks are shown one by one; many as those inside and those outside the training tasks' box. The result is
+        empty if there are many and none is outside.
+        """
         labels: list[str] = self.episodes["task"].unique().tolist()
         if len(labels) <= FEW_TASKS:
             return {label: [label] for label in labels}
@@ -104,10 +110,14 @@ class Record(NamedTuple):
         if all(inside):
             return {}
         pairs = list(zip(labels, inside, strict=True))
-        return {"inside": [one for one, is_in in pairs if is_in], "outside": [one for one, is_in in pairs if not is_in]}
+        return {
+            "inside": [label for label, is_inside in pairs if is_inside],
+            "outside": [label for label, is_inside in pairs if not is_inside],
+        }
 
 
 def _learning(curve: LearningCurve, clock: TrainingClock | None) -> pd.DataFrame:
+    """Tabulate a learning curve, a row per episode: ``RunRecord.learning``."""
     timesteps = np.repeat(curve.timesteps, curve.returns.shape[1])
     return pd.DataFrame(
         {
@@ -120,6 +130,7 @@ def _learning(curve: LearningCurve, clock: TrainingClock | None) -> pd.DataFrame
 
 
 def _episodes(result: AdaptationResult) -> pd.DataFrame:
+    """Tabulate the final test, a row per episode: ``RunRecord.episodes``."""
     n_tasks, n_episodes, _ = result.rewards.shape
     columns: dict[str, Any] = {
         "task": np.repeat([task_label(task) for task in result.tasks], n_episodes),
@@ -129,29 +140,22 @@ def _episodes(result: AdaptationResult) -> pd.DataFrame:
     if n_inner > 1:
         inner = result.returns_per_episode(n_inner).reshape(-1, n_inner)
         columns |= {f"episode_{number + 1}": inner[:, number] for number in range(n_inner)}
-    for horizon in (*(one for one in HORIZONS if one < result.horizon), result.horizon):
+    for horizon in (*(steps for steps in HORIZONS if steps < result.horizon), result.horizon):
         columns[f"return_{horizon}"] = result.returns(horizon).ravel()
     return pd.DataFrame(columns)
 
 
 def _rewards(result: AdaptationResult) -> pd.DataFrame:
+    """Tabulate the final test, a row per step of each task, or of all if there are many: ``RunRecord.rewards``."""
     n_tasks, _, horizon = result.rewards.shape
     if n_tasks > FEW_TASKS:
         groups = {"all": result.rewards.reshape(-1, horizon)}
     else:
         groups = {task_label(task): rows for task, rows in zip(result.tasks, result.rewards, strict=True)}
-    return pd.concat([_band(name, rows) for name, rows in groups.items()])
-
-
-def _band(name: str, rewards: NDArray[np.float32]) -> pd.DataFrame:
-    """rewards: (n_episodes, horizon), NaN after an episode."""
-    table = pd.DataFrame(rewards.astype(np.float64))
-    return pd.DataFrame(
-        {
-            "task": name,
-            "step": np.arange(1, rewards.shape[1] + 1),
-            "mean": table.mean(),
-            "low": table.min(),
-            "high": table.max(),
-        }
-    )
+    steps = np.arange(1, horizon + 1)
+    bands = {name: Band.of(steps, rewards.astype(np.float64)) for name, rewards in groups.items()}
+    tables = [
+        pd.DataFrame({"task": name, "step": band.x, "mean": band.mean, "low": band.low, "high": band.high})
+        for name, band in bands.items()
+    ]
+    return pd.concat(tables)

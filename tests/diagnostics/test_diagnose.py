@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno import BrunoEncoder, BrunoSAC, Transitions
 from sb3_bruno.diagnostics.diagnose import diagnose
-from sb3_bruno.evaluation.episodes import record_episodes
+from sb3_bruno.evaluation.episodes import play_episodes
 from sb3_bruno_envs import POINT_DIR_TASKS, MetaTask, TransitionObservation
 
 SMALL = {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}}
@@ -51,7 +51,7 @@ class ModelWorld(gym.Env[Row, Row]):
     def step(self, action: Row) -> tuple[Row, float, bool, bool, dict[str, Any]]:
         encoder = self.encoder_of["world"]
         statistics = encoder.empty((1,)) if self.statistics is None else self.statistics
-        here, taken, there = (th.as_tensor(one)[None] for one in (self.seen, action, self._fresh()))
+        here, taken, there = (th.as_tensor(array)[None] for array in (self.seen, action, self._fresh()))
         with th.no_grad():
             drawn = encoder.outcomes(statistics, here, taken, there, 1)
             reward = th.zeros(1, 1) if drawn.rewards is None else drawn.rewards[0]
@@ -148,13 +148,13 @@ def test_what_is_found_is_what_the_agent_believed(normalize: bool) -> None:
         normalizer.obs_rms["reward"].var[:] = 4.0
     tasks = POINT_DIR_TASKS.tasks("test")
     found = diagnose(model, make_point_dir, tasks, n_episodes=2, seed=5, vec_normalize=normalizer)
-    recorded = record_episodes(model, make_point_dir, tasks, n_episodes=2, seed=5, vec_normalize=normalizer)
+    recorded = play_episodes(model, make_point_dir, tasks, n_episodes=2, seed=5, vec_normalize=normalizer)
     model._vec_normalize_env = normalizer
     for of_task, points, real in zip(recorded, found.beliefs, found.real, strict=True):
         np.testing.assert_array_equal(real, of_task[0].rewards)
         for episode, path in zip(of_task, points, strict=True):
             columns = (episode.observations, episode.actions, episode.rewards[:, None], episode.next_observations)
-            prefixes = [model.infer(Transitions(*(one[:t] for one in columns))).mean for t in range(31)]
+            prefixes = [model.infer(Transitions(*(column[:t] for column in columns))).mean for t in range(31)]
             # Two latent dimensions: on their principal axes all distances stay as they are.
             np.testing.assert_allclose(
                 np.linalg.norm(path - path[0], axis=1), np.linalg.norm(np.stack(prefixes), axis=1), rtol=1e-3, atol=1e-5
@@ -162,12 +162,12 @@ def test_what_is_found_is_what_the_agent_believed(normalize: bool) -> None:
     assert found.explained.sum() == pytest.approx(1.0)
     first = recorded[-1][0]
     columns = (first.observations, first.actions, first.rewards[:, None], first.next_observations)
-    belief = model.infer(Transitions(*(one[:12] for one in columns)))
+    belief = model.infer(Transitions(*(column[:12] for column in columns)))
     samples = model.predict_outcomes(belief, columns[0][12], columns[1][12], n_samples=4_000).rewards
     assert samples is not None
     truth = [samples.mean(), samples.quantile(0.05), samples.quantile(0.95)]
     some_errors = 0.7 * samples.std().item()  # 99 samples know the mean to 0.1 standard deviations, quantiles to 0.25
-    np.testing.assert_allclose(found.predicted[:, -1, 12], [one.item() for one in truth], atol=some_errors)
+    np.testing.assert_allclose(found.predicted[:, -1, 12], [number.item() for number in truth], atol=some_errors)
 
 
 def test_beliefs_of_a_trial_leave_out_what_the_agent_was_not_shown() -> None:
@@ -186,7 +186,7 @@ def test_beliefs_of_a_trial_leave_out_what_the_agent_was_not_shown() -> None:
             means.append(model.belief(state).mean[0])
             return actions, state
 
-    ((episode,),) = record_episodes(Noting(), lambda: gym.make(env_id, n_episodes=2), task, n_episodes=1)
+    ((episode,),) = play_episodes(Noting(), lambda: gym.make(env_id, n_episodes=2), task, n_episodes=1)
     assert np.flatnonzero(episode.inner_ends).tolist() == [19]
     carried = np.abs(np.concatenate(means))  # one latent dimension, whose prior mean is 0
     assert carried[20] == carried[19] != carried[18]
@@ -197,14 +197,15 @@ def test_bounds_are_the_encoders_own_in_the_order_of_the_episode() -> None:
     model = point_dir(extra_dims=0)  # no noise, so no draw to agree on
     tasks = POINT_DIR_TASKS.tasks("test")
     found = diagnose(model, make_point_dir, tasks, n_episodes=2, outside_tasks=tasks[:1])
-    outside = record_episodes(model, make_point_dir, tasks[:1], n_episodes=2, seed=1)
-    inside = record_episodes(model, make_point_dir, tasks, n_episodes=2, seed=0)
+    outside = play_episodes(model, make_point_dir, tasks[:1], n_episodes=2, seed=1)
+    inside = play_episodes(model, make_point_dir, tasks, n_episodes=2, seed=0)
     for recorded, bounds in ((inside, found.bounds), (outside, found.outside_bounds)):
         assert bounds is not None
         for episodes, rows in zip(recorded, bounds, strict=True):
-            for one, row in zip(episodes, rows, strict=True):
-                parts = (one.observations, one.actions, one.rewards[:, None], one.next_observations)
-                transitions = Transitions(*map(th.as_tensor, parts))
+            for episode, row in zip(episodes, rows, strict=True):
+                rewards = episode.rewards[:, None]
+                columns = (episode.observations, episode.actions, rewards, episode.next_observations)
+                transitions = Transitions(*map(th.as_tensor, columns))
                 with th.no_grad():
                     np.testing.assert_allclose(row, model.encoder.one_step_bounds(transitions), rtol=1e-4, atol=1e-5)
     np.testing.assert_allclose(found.explained, [1, 0])  # one latent dimension

@@ -32,7 +32,7 @@ def make_env() -> gym.Env[Any, Any]:
 
 
 def run(callback: DiagnosticsCallback | None, log: Path | None = None, learning_starts: int = 40) -> BrunoSAC:
-    """An agent after 80 env steps in two normalised envs, 40 calls of the callback."""
+    """Train an agent for 80 env steps in two normalised envs, which are 40 calls of the callback."""
     settings: dict[str, Any] = {"policy_kwargs": {"net_arch": [16]}, "batch_size": 16}
     settings["learning_starts"] = learning_starts
     env = VecNormalize(make_vec_env(ENV_ID, 2, seed=0), norm_reward=False)
@@ -70,8 +70,8 @@ def test_numbers_and_figure_are_logged_and_saved(tmp_path: Path, capsys: pytest.
 def test_training_is_the_same_with_and_without() -> None:
     watched = run(DiagnosticsCallback(make_env, TASKS, 20, n_episodes=1))
     alone = run(None)
-    for one, two in zip(watched.policy.parameters(), alone.policy.parameters(), strict=True):
-        th.testing.assert_close(one, two, rtol=0, atol=0)
+    for weight, expected in zip(watched.policy.parameters(), alone.policy.parameters(), strict=True):
+        th.testing.assert_close(weight, expected, rtol=0, atol=0)
 
 
 def test_errors_name_the_argument_and_the_remedy() -> None:

@@ -13,7 +13,7 @@ from sb3_bruno.diagnostics.result import Diagnostics
 
 
 def diagnostics_of(n_tasks: int, quantities: int = 1, outside_bound: float | None = None) -> Diagnostics:
-    """Two episodes of five steps of each task, the last of which ends after three."""
+    """Two episodes of five steps of each task; the last episode ends after three steps."""
     rng = np.random.default_rng(0)
     pit, bounds = rng.random((n_tasks, 2, 5, quantities)), rng.normal(size=(n_tasks, 2, 5))
     beliefs = rng.normal(size=(n_tasks, 2, 6, 2))

@@ -16,7 +16,7 @@ NAN = np.nan
 
 
 def diagnostics_of(seed: int = 0, n_outside: int = 2, **changes: Any) -> Diagnostics:
-    """Three tasks, four episodes of six steps, two quantities; one episode ends after two steps."""
+    """Three tasks, four episodes of six steps, two quantities. One episode ends after two steps."""
     rng = np.random.default_rng(seed)
     pit, bounds, beliefs = rng.random((3, 4, 6, 2)), rng.normal(size=(3, 4, 6)), rng.normal(size=(3, 4, 7, 2))
     pit[1, 2, 2:] = bounds[1, 2, 2:] = beliefs[1, 2, 3:] = NAN
@@ -98,8 +98,8 @@ def test_save_and_load_keep_every_bit(tmp_path: Path, n_outside: int) -> None:
     found = diagnostics_of(n_outside=n_outside)
     found.save(tmp_path / "any.name")
     loaded = Diagnostics.load(tmp_path / "any.name")
-    for one in fields(Diagnostics):
-        stored, read = getattr(found, one.name), getattr(loaded, one.name)
+    for field in fields(Diagnostics):
+        stored, read = getattr(found, field.name), getattr(loaded, field.name)
         if stored is None:
             assert read is None
         else:

@@ -1,4 +1,4 @@
-"""Evaluation on given tasks, with a scripted model and environments whose rewards are known."""
+"""Evaluation on given tasks, by scripted models in environments whose rewards are known."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from sb3_bruno import evaluation
-from sb3_bruno.evaluation import evaluate_adaptation, library_versions
+from sb3_bruno.evaluation import evaluate_adaptation, library_versions, versions
 from sb3_bruno_envs import POINT_DIR_TASKS
 
 NAN = np.nan
@@ -25,7 +24,7 @@ TASKS = [[1.0, 2.0], [-1.0, 3.0], [0.5, 1.0]]  # gain and length
 
 
 class GainEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """Pays gain times action for ``length`` steps, the task; observes a number drawn at reset."""
+    """Pays gain times action for ``length`` steps; gain and length are the task. Shows a number drawn at reset."""
 
     observation_space = Box(-np.inf, np.inf, (1,))
     action_space = Box(-np.inf, np.inf, (1,))
@@ -46,7 +45,7 @@ class GainEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 class DeafEnv(GainEnv):
-    """Draws its own task, whatever it is given."""
+    """Ignores the task that it is given and draws its own."""
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -55,15 +54,11 @@ class DeafEnv(GainEnv):
 
 
 class Counter:
-    """Acts 1, 2, 3, ... from each episode's start, which only its state can tell."""
+    """Acts 1, 2, 3, ... from the start of each episode; it counts in its state alone."""
 
     def predict(
-        self,
-        observation: NDArray[np.float32] | dict[str, NDArray[np.float32]],
-        state: tuple[NDArray[Any], ...] | None = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = False,
-    ) -> tuple[NDArray[Any], tuple[NDArray[Any], ...] | None]:
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[NDArray[Any], tuple[NDArray[Any], ...]]:
         assert episode_start is not None
         assert deterministic
         count = np.zeros(len(observation)) if state is None else state[0]
@@ -72,15 +67,11 @@ class Counter:
 
 
 class Echo:
-    """Acts as it sees."""
+    """Returns what it observes as its action."""
 
     def predict(
-        self,
-        observation: NDArray[np.float32] | dict[str, NDArray[np.float32]],
-        state: tuple[NDArray[Any], ...] | None = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = False,
-    ) -> tuple[NDArray[Any], tuple[NDArray[Any], ...] | None]:
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+    ) -> tuple[NDArray[Any], None]:
         assert isinstance(observation, np.ndarray)
         return observation, None
 
@@ -95,8 +86,8 @@ def test_rewards_are_exact_for_any_number_of_environments(max_envs: int) -> None
     assert (result.config, result.seed) == ({"a": 1}, 3)
 
 
-def test_every_episode_has_a_seed_of_its_own_whatever_the_batches() -> None:
-    tasks = [[1.0, 1.0], [1.0, 1.0]]  # one step each, whose reward is the number drawn at reset
+def test_every_episode_has_its_own_seed_whatever_the_batches() -> None:
+    tasks = [[1.0, 1.0], [1.0, 1.0]]  # episodes of one step, whose reward is the number drawn at reset
 
     def draws(**kwargs: Any) -> NDArray[np.float32]:
         return evaluate_adaptation(Echo(), GainEnv, tasks, n_episodes=5, **kwargs).rewards
@@ -118,7 +109,7 @@ def test_training_statistics_normalise_the_observations_and_stay_as_they_are() -
 
 
 def test_point_dir() -> None:
-    """The point that always moves right earns the cosine of the hidden direction, less the action's cost."""
+    """A point that always moves right earns the cosine of the hidden direction, minus the cost of the action."""
     tasks = POINT_DIR_TASKS.tasks("test")
 
     class Right:
@@ -177,7 +168,7 @@ def test_environments_are_closed_even_after_an_error() -> None:
     closed = []
 
     class Closing(DeafEnv):
-        """Tells when it is closed."""
+        """Notes that it is closed."""
 
         def close(self) -> None:
             closed.append(self)
@@ -201,7 +192,7 @@ def test_commit_is_that_of_the_clone_that_tracks_the_file(tmp_path: Path) -> Non
 
     file = tmp_path / "module.py"
     file.write_text("one\n")
-    commit: Callable[[Path], str | None] = evaluation._git_commit
+    commit: Callable[[Path], str | None] = versions._git_commit
     git("init")
     assert commit(file) is None  # not tracked: say, installed into a virtual environment inside some clone
     git("add", "module.py")

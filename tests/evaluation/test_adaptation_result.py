@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from scipy.stats import trim_mean
 
-from sb3_bruno.evaluation.adaptation_result import AdaptationResult, task_label
+from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 
 NAN = np.nan
 
 
 def result_of(*curves: list[float], **kwargs: Any) -> AdaptationResult:
-    """One task and one episode per curve."""
+    """Make a result with one task and one episode for each curve."""
     return AdaptationResult(np.arange(len(curves))[:, None], np.array(curves)[:, None], **kwargs)
 
 
 @pytest.fixture
 def result() -> AdaptationResult:
-    """Two tasks, two episodes, four steps; one episode ends after two."""
+    """Two tasks, two episodes of each, four steps; one episode ends after two steps."""
     rewards = [[[1, 2, 3, 4], [3, 4, NAN, NAN]], [[-1, -1, -1, -1], [-3, -1, -1, -1]]]
     return AdaptationResult(np.array([[1.0, 0.0], [0.0, 1.0]]), np.array(rewards))
 
@@ -72,7 +72,7 @@ def test_a_horizon_outside_the_record_is_refused(result: AdaptationResult, horiz
         ([0, 9, 10, 10], 1, 1),  # exactly 90 %
         ([0, 8, 9, 10, 10, 10, 10, 10], 1, 2),
         ([-4, -5, -8, -8, -8, -8], 1, 2),  # the way down: 90 % is at -7.6
-        ([0, 0, 3, -2, 3, 1, 3, 1], 1, 2),  # one lucky step is taken for the arrival ...
+        ([0, 0, 3, -2, 3, 1, 3, 1], 1, 2),  # a single high reward passes for the arrival ...
         ([0, 0, 3, -2, 3, 1, 3, 1], 2, 4),  # ... unless smoothed: 0 1.5 .5 .5 2 2 2 1, and 90 % is at 1.8
         ([3, 3, 3], 5, 0),
         ([7], 5, 0),
@@ -115,7 +115,7 @@ def test_interval_is_seeded_and_leaves_numpys_state_alone() -> None:
 
 
 def test_interval_is_stratified_by_task() -> None:
-    """Episodes that agree within each task leave nothing to resample, however far the tasks are apart."""
+    """If the episodes of each task agree, resampling changes nothing, however far apart the tasks are."""
     result = AdaptationResult(np.zeros((2, 1)), np.array([[[1.0]] * 4, [[100.0]] * 4]))
     assert result.iqm() == (50.5, 50.5, 50.5)
 
@@ -178,9 +178,3 @@ def test_rewards_are_checked(curve: list[float]) -> None:
 def test_config_is_checked(value: object) -> None:
     with pytest.raises(ValueError, match=r"config=.* is not JSON .*: keep strings"):
         result_of([1.0], config={"key": value})
-
-
-def test_task_labels() -> None:
-    assert task_label([0.5, -1.0]) == "0.5_-1"
-    assert task_label([np.cos(np.pi / 2), -0.0]) == "0_0"
-    assert task_label(np.float32(0.7861)) == "0.7861"

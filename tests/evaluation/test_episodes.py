@@ -1,4 +1,4 @@
-"""Whole episodes are recorded as they were: where they led, where they ended, nothing of the next one."""
+"""Whole episodes are returned as they were: where they led, where they ended, nothing of the next episode."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from sb3_bruno.evaluation.episodes import pad_episodes, record_episodes
+from sb3_bruno.evaluation.episodes import pad_episodes, play_episodes
 
 
 class CountEnv(gym.Env[Any, NDArray[np.float32]]):
-    """Observes the number of steps and the task, which says how many there are; pays ten times the number."""
+    """Shows the step's number and the task, which is the number of steps; pays ten times the step's number."""
 
     action_space = Box(-np.inf, np.inf, (1,))
 
@@ -45,7 +45,7 @@ class CountEnv(gym.Env[Any, NDArray[np.float32]]):
 
 
 class Double:
-    """Acts twice what it sees of the number of steps, whatever the form of the observation."""
+    """Returns twice the number of steps that it observes, in an array or a Dict."""
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
@@ -58,7 +58,7 @@ class Double:
 @pytest.mark.parametrize("key", [None, "observation"])
 def test_every_transition_is_recorded_and_no_other(key: str | None, max_envs: int) -> None:
     tasks = [[3.0], [1.0]]
-    recorded = record_episodes(Double(), lambda: CountEnv(key), tasks, n_episodes=2, max_envs=max_envs)
+    recorded = play_episodes(Double(), lambda: CountEnv(key), tasks, n_episodes=2, max_envs=max_envs)
     assert [len(of_task) for of_task in recorded] == [2, 2]
     for (length,), of_task in zip(tasks, recorded, strict=True):
         for episode in of_task:
@@ -70,14 +70,14 @@ def test_every_transition_is_recorded_and_no_other(key: str | None, max_envs: in
 
 
 def test_within_a_trial_a_transition_leads_to_where_the_inner_episode_ended() -> None:
-    ((episode,),) = record_episodes(Double(), lambda: CountEnv("observation", 2), [[5.0]], n_episodes=1)
+    ((episode,),) = play_episodes(Double(), lambda: CountEnv("observation", 2), [[5.0]], n_episodes=1)
     np.testing.assert_array_equal(episode.observations[:, 0], [0, 1, 0, 1, 0])
     np.testing.assert_array_equal(episode.next_observations[:, 0], [1, 2, 1, 2, 1])
     np.testing.assert_array_equal(episode.inner_ends, [False, True, False, True, False])
 
 
 def test_a_dict_without_an_observation_is_run_all_the_same() -> None:
-    ((episode,),) = record_episodes(Double(), lambda: CountEnv("other"), [[4.0]], n_episodes=1)
+    ((episode,),) = play_episodes(Double(), lambda: CountEnv("other"), [[4.0]], n_episodes=1)
     assert episode.observations.shape == episode.next_observations.shape == (4, 0)
     np.testing.assert_array_equal(episode.rewards, [10, 20, 30, 40])
 
@@ -85,7 +85,7 @@ def test_a_dict_without_an_observation_is_run_all_the_same() -> None:
 def test_the_model_sees_normalised_observations_and_the_record_does_not() -> None:
     training = VecNormalize(DummyVecEnv([CountEnv]))
     training.obs_rms.mean, training.obs_rms.var = np.array([1.0, 0.0]), np.array([4.0, 1.0])
-    ((episode,),) = record_episodes(Double(), CountEnv, [[3.0]], n_episodes=1, vec_normalize=training)
+    ((episode,),) = play_episodes(Double(), CountEnv, [[3.0]], n_episodes=1, vec_normalize=training)
     np.testing.assert_array_equal(episode.observations[:, 0], [0, 1, 2])
     np.testing.assert_allclose(episode.actions[:, 0], [-1, 0, 1], atol=1e-6)
 

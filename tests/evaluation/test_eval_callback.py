@@ -1,4 +1,4 @@
-"""TaskEvalCallback: the returns of each task are logged and stored, and nothing of EvalCallback is lost."""
+"""TaskEvalCallback logs and stores the returns of each task, and still does all that EvalCallback does."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class CycleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 def learn(env: gym.Env[Any, Any], folder: Path, **kwargs: Any) -> dict[str, list[float]]:
-    """Train (in fact: act at random) for 20 steps, evaluate every 10; the logged numbers, by key."""
+    """Act at random for 20 steps, with an evaluation every 10; return the logged numbers, by key."""
     model = SAC("MlpPolicy", CycleEnv(), learning_starts=1_000, policy_kwargs={"net_arch": [4]}, device="cpu")
     model.set_logger(configure(str(folder), ["csv"]))
     callback = TaskEvalCallback(env, log_path=str(folder), eval_freq=10, verbose=0, **kwargs)
@@ -98,7 +98,7 @@ def test_an_evaluation_cut_short_between_the_two_files_is_left_out(tmp_path: Pat
     assert [len(values) for values in curve] == [1, 1, 1]
 
 
-def test_a_curve_is_gone_on_with_unless_it_is_damaged(tmp_path: Path) -> None:
+def test_a_learning_curve_is_continued_unless_it_is_damaged(tmp_path: Path) -> None:
     learn(Monitor(CycleEnv()), tmp_path, n_eval_episodes=2)
     model = SAC("MlpPolicy", CycleEnv(), policy_kwargs={"net_arch": [4]}, device="cpu")
     model.num_timesteps = 20

@@ -1,4 +1,4 @@
-"""The closed forms against an independent slow truth: dense multivariate normals in float64."""
+"""The closed forms agree with an independent slow truth: dense multivariate normals in float64."""
 
 import math
 
@@ -62,14 +62,14 @@ def test_evidence_is_the_dense_density(var, correlation, n, seed):
 def test_evidence_is_the_product_of_one_step_predictives(var, correlation, n, seed):
     process, z = process_of(3, var, correlation), draw(seed, n, 3)
     prefixes = process.prefixes(z)
-    before = type(prefixes)(*(one[:-1] for one in prefixes))
+    before = type(prefixes)(*(part[:-1] for part in prefixes))
     one_step = process.log_predictive(before, z).sum(dim=0)
     th.testing.assert_close(process.log_evidence(process.statistics(z)), one_step, rtol=1e-8, atol=1e-8)
 
 
 @given(variances, correlations, lengths, seeds)
 def test_prefixes_obey_the_recursion(var, correlation, n, seed):
-    """b_i = rho / (v + i rho); mu += b (z - mu); var *= 1 - b: Eq. 3 with its errors mended."""
+    """b_i = rho / (v + i rho); mu += b (z - mu); var *= 1 - b: Eq. 3 with its errors corrected."""
     process, z = process_of(2, var, correlation), draw(seed, n, 2)
     posterior = process.posterior(process.prefixes(z))
     var, rho = var_and_cov(process)
@@ -83,7 +83,7 @@ def test_prefixes_obey_the_recursion(var, correlation, n, seed):
 
 
 def test_posterior_variances_of_the_erratum():
-    """With v = 1 and rho = 0.1 the paper's Eq. 3 gives 0.1, -0.711, -1.45; the truth is this."""
+    """With v = 1 and rho = 0.1 the paper's Eq. 3 gives 0.1, -0.711, -1.45. Here are the right numbers."""
     process = process_of(1, 1.0, 0.1)
     variances = process.posterior(process.prefixes(th.zeros(3, 1, dtype=th.float64))).variance[:, 0]
     np.testing.assert_allclose(variances.detach(), [0.1, 0.09, 0.1 * 0.9 / 1.1, 0.075], rtol=1e-6)
@@ -96,10 +96,10 @@ def test_neither_order_nor_grouping_matters(n, m, seed):
     shuffled = process.statistics(z[np.random.default_rng(seed).permutation(n + m)])
     merged = process.statistics(z[:n]).merge(process.statistics(z[n:]))
     for other in (shuffled, merged, process.empty().merge(together)):
-        for one, two in zip(together, other, strict=True):
-            th.testing.assert_close(one, two.expand_as(one))
-    for one, two in zip(together, process.prefixes(z), strict=True):
-        th.testing.assert_close(one, two[-1])
+        for expected, found in zip(together, other, strict=True):
+            th.testing.assert_close(expected, found.expand_as(expected))
+    for expected, found in zip(together, process.prefixes(z), strict=True):
+        th.testing.assert_close(expected, found[-1])
 
 
 def test_the_scatter_gives_the_sum_of_squares_back():
@@ -122,26 +122,26 @@ def test_squared_mahalanobis_is_the_dense_one_and_chi_squared_under_the_model(va
     assert (distance.n_values == 10).all() and distance.df.tolist() == [math.inf]
 
 
-def test_a_latent_of_weight_zero_is_as_if_it_were_not_there():
+def test_a_latent_of_weight_zero_does_not_count():
     process, z = process_of(2, 1.0, 0.3), draw(0, 6, 2)
     weights = th.tensor([1.0, 0.0, 1.0, 1.0, 0.0, 1.0], dtype=th.float64)
     left = process.prefixes(z[weights > 0])
-    for one, two in zip(process.prefixes(z, weights), left, strict=True):
-        th.testing.assert_close(one, two[[0, 1, 1, 2, 3, 3, 4]])
+    for found, expected in zip(process.prefixes(z, weights), left, strict=True):
+        th.testing.assert_close(found, expected[[0, 1, 1, 2, 3, 3, 4]])
 
 
 def test_prefixes_never_see_the_future():
     process, z = process_of(2, 1.0, 0.3), draw(0, 4, 6, 2)
     changed = z.clone()
     changed[:, 3:] += 100.0
-    for one, two in zip(process.prefixes(z), process.prefixes(changed), strict=True):
-        th.testing.assert_close(one[:, :4], two[:, :4])
+    for before, after in zip(process.prefixes(z), process.prefixes(changed), strict=True):
+        th.testing.assert_close(before[:, :4], after[:, :4])
 
 
 def test_batches_are_independent():
     process, z = process_of(3, 2.0, 0.2), draw(1, 5, 7, 3)
     batched = process.posterior(process.statistics(z)).mean
-    singly = th.stack([process.posterior(process.statistics(one)).mean for one in z])
+    singly = th.stack([process.posterior(process.statistics(latents)).mean for latents in z])
     th.testing.assert_close(batched, singly)
 
 
@@ -154,7 +154,9 @@ def test_float32_stays_true_over_ten_thousand_observations():
         found = getattr(single, name)(single.prefixes(z.float()))
         np.testing.assert_allclose(found.mean.detach(), truth.mean.detach(), atol=1e-4)
         np.testing.assert_allclose(found.variance.detach(), truth.variance.detach(), rtol=1e-4)
-    beta, true_beta = (one.squared_mahalanobis(one.prefixes(z.to(one.log_var.dtype))) for one in (single, exact))
+    beta, true_beta = (
+        process.squared_mahalanobis(process.prefixes(z.to(process.log_var.dtype))) for process in (single, exact)
+    )
     np.testing.assert_allclose(beta.detach(), true_beta.detach(), rtol=1e-4)
 
 
@@ -179,7 +181,8 @@ def test_gradients_of_the_evidence(var, correlation, seed):
         )
 
     process.forward = lambda: process.log_evidence(process.statistics(z))  # type: ignore[method-assign]
-    inputs = tuple(one.detach().clone().requires_grad_() for one in (process.log_var, process.correlation_logit))
+    parameters = (process.log_var, process.correlation_logit)
+    inputs = tuple(parameter.detach().clone().requires_grad_() for parameter in parameters)
     assert th.autograd.gradcheck(evidence, inputs, atol=1e-4, rtol=1e-3)
 
 

@@ -1,4 +1,4 @@
-"""The Student-t process against an independent slow truth: SciPy's dense multivariate t in float64."""
+"""The Student-t process agrees with an independent slow truth: SciPy's dense multivariate t in float64."""
 
 import numpy as np
 import pytest
@@ -27,9 +27,9 @@ def draw(seed: int, *shape: int) -> th.Tensor:
 
 
 def dense(process: ExchangeableStudentT, z: np.ndarray, theta: np.ndarray | None = None) -> float:
-    """The log-density of z (n, dim), and of theta (dim,) with it, by one dense t for each scale.
+    """Return the log-density of z, ``(n, dim)``, and of theta, ``(dim,)``, if given, by one dense t for each scale.
 
-    SciPy takes a shape matrix, (nu - 2) / nu times the covariance.
+    SciPy takes a shape matrix, which is (nu - 2) / nu times the covariance.
     """
     var, cov = process.var.detach().numpy(), process.cov.detach().numpy()
     blocks, values = [], []
@@ -73,7 +73,7 @@ def test_predictive_is_a_ratio_of_dense_densities(var, correlation, df, shared_s
 @settings(max_examples=40)
 @given(variances, correlations, dfs, lengths, seeds)
 def test_posterior_is_a_ratio_of_dense_densities(var, correlation, df, n, seed):
-    """With a shared scale the dimensions are dependent, their marginals are the same t: one dimension tells."""
+    """A shared scale makes the dimensions dependent but leaves their marginals, so one dimension is enough."""
     for shared_scale in (False, True):
         process, z, theta = process_of(var, correlation, df, shared_scale, 1), draw(seed, n, 1), draw(seed + 1, 1)
         found = process.posterior(process.statistics(z)).log_prob(theta).item()
@@ -101,15 +101,15 @@ def test_a_shared_scale_is_learned_from_all_dimensions():
     r = (5.0 - 2 + beta) / (5.0 + 7 * DIM - 2)
     assert r > 2
     for name in ("posterior", "predictive"):
-        mine, theirs = (getattr(one, name)(one.statistics(z)) for one in (process, gaussian))
-        th.testing.assert_close(mine.mean, theirs.mean)
-        th.testing.assert_close(mine.variance, r * theirs.variance, rtol=1e-6, atol=0)
+        student_t, normal = (getattr(model, name)(model.statistics(z)) for model in (process, gaussian))
+        th.testing.assert_close(student_t.mean, normal.mean)
+        th.testing.assert_close(student_t.variance, r * normal.variance, rtol=1e-6, atol=0)
 
 
 @pytest.mark.parametrize("shared_scale", [False, True])
 def test_evidence_is_the_product_of_one_step_predictives(shared_scale):
     process, z = process_of(2.0, 0.2, 4.0, shared_scale), draw(1, 5, 12, DIM)
-    before = type(process.empty())(*(one[:, :-1] for one in process.prefixes(z)))
+    before = type(process.empty())(*(part[:, :-1] for part in process.prefixes(z)))
     one_step = process.log_predictive(before, z).sum(dim=-1)
     th.testing.assert_close(process.log_evidence(process.statistics(z)), one_step, rtol=1e-9, atol=1e-9)
 
@@ -118,10 +118,10 @@ def test_evidence_is_the_product_of_one_step_predictives(shared_scale):
 def test_many_degrees_of_freedom_are_the_gaussian(shared_scale):
     z = draw(2, 4, 20, DIM)
     gaussian, process = ExchangeableGaussian(DIM).double(), process_of(1.0, 0.1, 1e9, shared_scale)
-    one, two = gaussian.prefixes(z), process.prefixes(z)
-    th.testing.assert_close(process.posterior(two).variance, gaussian.posterior(one).variance, rtol=1e-6, atol=0)
-    th.testing.assert_close(process.log_evidence(two), gaussian.log_evidence(one), rtol=1e-6, atol=1e-6)
-    here = type(one)(*(part[:, :-1] for part in one))
+    seen, expected = process.prefixes(z), gaussian.prefixes(z)
+    th.testing.assert_close(process.posterior(seen).variance, gaussian.posterior(expected).variance, rtol=1e-6, atol=0)
+    th.testing.assert_close(process.log_evidence(seen), gaussian.log_evidence(expected), rtol=1e-6, atol=1e-6)
+    here = type(expected)(*(part[:, :-1] for part in expected))
     th.testing.assert_close(process.log_predictive(here, z), gaussian.log_predictive(here, z), rtol=1e-6, atol=1e-6)
 
 
@@ -135,7 +135,7 @@ def test_float32_agrees_with_float64_over_ten_thousand_observations(shared_scale
     for process in (exact, single):
         values = z.to(process.log_var.dtype)
         prefixes = process.prefixes(values)
-        before = type(prefixes)(*(one[:-1] for one in prefixes))
+        before = type(prefixes)(*(part[:-1] for part in prefixes))
         posterior = process.posterior(prefixes)
         found[process] = (
             posterior.mean,
@@ -179,7 +179,7 @@ def test_distance_follows_the_f_distribution_under_the_model(shared_scale):
     theta = np.sqrt(0.3 * scale) * rng.normal(size=(2_000, DIM))
     z = theta[:, None] + np.sqrt(0.7 * scale)[:, None] * rng.normal(size=(2_000, n, DIM))
     distance = process.distance(process.statistics(th.as_tensor(z)))
-    beta, k, nu = (one.detach().numpy() for one in distance)
+    beta, k, nu = (part.detach().numpy() for part in distance)
     assert beta.shape[-1] == nu.size == (1 if shared_scale else DIM)
     np.testing.assert_array_equal(k, n * DIM if shared_scale else n)
     np.testing.assert_allclose(nu, df)
@@ -195,14 +195,12 @@ def test_gradients_reach_the_degrees_of_freedom():
         return th.func.functional_call(process, dict(zip(names, values, strict=True)), ())
 
     process.forward = lambda: process.log_evidence(process.statistics(z))  # type: ignore[method-assign]
-    inputs = tuple(
-        one.detach().clone().requires_grad_()
-        for one in (process.log_var, process.correlation_logit, process.log_excess_df)
-    )
+    parameters = (process.log_var, process.correlation_logit, process.log_excess_df)
+    inputs = tuple(parameter.detach().clone().requires_grad_() for parameter in parameters)
     assert th.autograd.gradcheck(evidence, inputs, atol=1e-5, rtol=1e-4)
 
 
-def test_degrees_of_freedom_stay_above_two_and_are_named_if_not():
+def test_degrees_of_freedom_stay_above_two_and_others_are_refused():
     process = ExchangeableStudentT(2)
     with th.no_grad():
         process.log_excess_df.fill_(-10.0)

@@ -1,4 +1,4 @@
-"""Running statistics against numpy's, and the affine map there and back."""
+"""Running statistics agree with NumPy's, and the affine map can be undone."""
 
 import numpy as np
 import torch as th

@@ -1,4 +1,4 @@
-"""The figures: the numbers that are drawn, and that something readable is written."""
+"""The figures draw the right numbers, with readable texts."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ import numpy as np
 import pytest
 
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
+from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.eval_callback import LearningCurve
 from sb3_bruno.plotting.curves import adaptation_band, learning_band, plot_adaptation, plot_learning_curves
-from sb3_bruno.plotting.style import COLORS, Band, plot_bands
+from sb3_bruno.plotting.style import COLORS, plot_bands
 
 NAN = np.nan
 
 
 def curve_of(returns: Sequence[Sequence[float]], tasks: Sequence[float], first_step: int = 10) -> LearningCurve:
-    """Evaluations every ten steps, whose episodes have the given scalar tasks, every time the same."""
+    """Make evaluations at every ten steps; the episodes of each have the given scalar tasks."""
     n = len(returns)
     steps = first_step + 10 * np.arange(n)
     return LearningCurve(steps, np.tile(np.float32(tasks)[None, :, None], (n, 1, 1)), np.array(returns, float))
@@ -75,8 +76,8 @@ def test_few_tasks_get_a_panel_each(tmp_path: Path) -> None:
 def test_many_tasks_or_different_ones_are_pooled(tmp_path: Path) -> None:
     many = AdaptationResult(np.arange(5.0)[:, None], np.ones((5, 2, 20)))
     plot_adaptation({"BrunoSAC": many}, tmp_path / "many.svg")
-    two, others = (AdaptationResult(np.array([[t], [9.0]]), np.ones((2, 1, 3))) for t in (0.0, 1.0))
-    plot_adaptation({"one": two, "other": others}, tmp_path / "different.svg")
+    results = [AdaptationResult(np.array([[task], [9.0]]), np.ones((2, 1, 3))) for task in (0.0, 1.0)]
+    plot_adaptation(dict(zip(("x", "y"), results, strict=True)), tmp_path / "different.svg")
     plot_learning_curves({"x": curve_of([range(5)], range(5))}, tmp_path / "curves.svg", oracle=5.0)
     assert "5 tasks: return 20.0" in texts(tmp_path / "many.svg")
     assert "2 tasks: return 3.0, 3.0" in texts(tmp_path / "different.svg")
@@ -131,6 +132,6 @@ def test_errors_name_the_argument() -> None:
 
 
 def texts(path: Path) -> set[str]:
-    """The texts of an SVG, which matplotlib draws as paths and repeats as comments."""
+    """Return the texts of an SVG: matplotlib draws them as paths and repeats them as comments."""
     lines = path.read_text(encoding="utf-8").splitlines()
     return {line.strip()[5:-4] for line in lines if line.strip().startswith("<!-- ")}

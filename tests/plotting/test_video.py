@@ -8,7 +8,7 @@ import pytest
 from moviepy import VideoFileClip
 
 from sb3_bruno import BrunoSAC
-from sb3_bruno.plotting.video import record_tasks
+from sb3_bruno.plotting.video import film_tasks
 from sb3_bruno_envs import POINT_DIR_TASKS
 
 
@@ -16,9 +16,9 @@ def test_a_video_draws_the_belief_under_each_task(tmp_path):
     model = BrunoSAC("MlpPolicy", "sb3_bruno_envs:PointDir-v0", seed=0)
     make_env = partial(gym.make, "PointDir-v0", render_mode="rgb_array")
     tasks = POINT_DIR_TASKS.tasks("test")
-    record_tasks(model, make_env, tasks, tmp_path / "two.mp4")
+    film_tasks(model, make_env, tasks, tmp_path / "two.mp4")
     two = VideoFileClip(tmp_path / "two.mp4")
-    record_tasks(model, make_env, tasks[:1], tmp_path / "one.mp4")
+    film_tasks(model, make_env, tasks[:1], tmp_path / "one.mp4")
     one = VideoFileClip(tmp_path / "one.mp4")
     assert (two.n_frames, two.fps) == (30, 10) and two.size[0] == 2 * one.size[0]
     first, last = two.get_frame(0).astype(int), two.get_frame(2.8).astype(int)
@@ -26,6 +26,6 @@ def test_a_video_draws_the_belief_under_each_task(tmp_path):
     assert np.abs(first - last)[: height // 2].max() > 50  # the point moved
     assert np.abs(first - last)[height // 2 :].max() > 50  # so did the cursor over the belief
     with pytest.raises(ValueError, match="5 tasks"):
-        record_tasks(model, make_env, np.zeros((5, 2)), tmp_path / "five.mp4")
+        film_tasks(model, make_env, np.zeros((5, 2)), tmp_path / "five.mp4")
     with pytest.raises(ValueError, match="rgb_array"):
-        record_tasks(model, partial(gym.make, "PointDir-v0"), tasks, tmp_path / "none.mp4")
+        film_tasks(model, partial(gym.make, "PointDir-v0"), tasks, tmp_path / "none.mp4")

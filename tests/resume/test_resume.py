@@ -83,16 +83,16 @@ class EzPickled(gym.Wrapper, EzPickle):
 
 
 def fingerprint(model):
-    tensors = [one for part in model.get_parameters().values() for one in _tensors(part)]
+    tensors = [tensor for part in model.get_parameters().values() for tensor in _tensors(part)]
     arrays = [model.replay_buffer.observations, model.replay_buffer.rewards, *model._belief_state]
-    return [one.detach().clone() for one in tensors] + [th.as_tensor(one).clone() for one in arrays]
+    return [tensor.detach().clone() for tensor in tensors] + [th.as_tensor(array).clone() for array in arrays]
 
 
 def _tensors(part):
     if isinstance(part, th.Tensor):
         return [part]
     if isinstance(part, dict):
-        return [tensor for one in part.values() for tensor in _tensors(one)]
+        return [tensor for value in part.values() for tensor in _tensors(value)]
     return []
 
 
@@ -117,8 +117,8 @@ def test_a_resumed_run_equals_the_uninterrupted_one(tmp_path, make_env, died_at)
     assert 0 < resumed.num_timesteps <= died_at
     resumed.learn(STEPS - resumed.num_timesteps, reset_num_timesteps=False)
     assert resumed.num_timesteps == whole.num_timesteps
-    for one, two in zip(fingerprint(whole), fingerprint(resumed), strict=True):
-        assert th.equal(one, two)
+    for tensor, expected in zip(fingerprint(resumed), fingerprint(whole), strict=True):
+        assert th.equal(tensor, expected)
     assert resumed.ep_info_buffer[-1]["r"] == whole.ep_info_buffer[-1]["r"]
 
 
@@ -134,8 +134,8 @@ def test_sb3s_own_algorithms_are_resumed_alike(tmp_path):
     scramble_random_states()
     resumed = resume(path, make_env())
     resumed.learn(STEPS - resumed.num_timesteps, reset_num_timesteps=False)
-    for one, two in zip(_tensors(whole.get_parameters()), _tensors(resumed.get_parameters()), strict=True):
-        assert th.equal(one, two)
+    for tensor, expected in zip(_tensors(resumed.get_parameters()), _tensors(whole.get_parameters()), strict=True):
+        assert th.equal(tensor, expected)
 
 
 def test_frames_are_stacked_on(tmp_path):
@@ -204,8 +204,8 @@ def test_the_cheetahs_physics_goes_on_where_it_was(tmp_path):
     scramble_random_states()
     resumed = resume(path, make_env())
     resumed.learn(240 - resumed.num_timesteps, reset_num_timesteps=False)
-    for one, two in zip(fingerprint(whole), fingerprint(resumed), strict=True):
-        assert th.equal(one, two)
+    for tensor, expected in zip(fingerprint(resumed), fingerprint(whole), strict=True):
+        assert th.equal(tensor, expected)
 
 
 TRAINING = f"""
@@ -227,7 +227,7 @@ def test_a_kill_at_any_moment_leaves_a_whole_checkpoint(tmp_path):
         while not path.exists():
             assert process.poll() is None
             time.sleep(0.05)
-        time.sleep(1.0)  # a checkpoint every step: the kill falls into the midst of one
+        time.sleep(1.0)  # a checkpoint at every step, so the kill hits one half written
     finally:
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
@@ -280,14 +280,14 @@ def test_an_env_that_cannot_be_pickled_goes_on_with_new_episodes(tmp_path):
         model = resume(path, make_env())
     steps = model.num_timesteps
     model.learn(1, reset_num_timesteps=False)
-    starts = [one.replay_buffer.observations[row, 0] for one, row in ((first, 0), (model, steps))]
-    assert steps > 0 and not np.array_equal(*starts), "nor with the run's first one"
+    starts = [agent.replay_buffer.observations[row, 0] for agent, row in ((first, 0), (model, steps))]
+    assert steps > 0 and not np.array_equal(*starts), "nor is it the run's first episode again"
 
 
 def test_a_wrapper_that_cannot_be_pickled_has_new_episodes_begin(tmp_path):
     def make_env():
         env = VecCheckNan(point())
-        env.unpicklable = (one for one in ())
+        env.unpicklable = (number for number in ())
         return env
 
     path = tmp_path / "checkpoint.pkl"
@@ -319,5 +319,9 @@ def test_mistakes_are_named(tmp_path):
     BrunoSAC("MlpPolicy", point(), **SETTINGS).learn(90, ResumeCallback(tmp_path / "checkpoint.pkl", 40))
     with pytest.raises(ValueError, match="2 envs, the checkpoint 3"):
         resume(tmp_path / "checkpoint.pkl", point(2))
+    unmonitored = DummyVecEnv([lambda: gym.make("sb3_bruno_envs:PointDir-v0")] * 3)
     with pytest.raises(ValueError, match="0 Monitors, the checkpoint 3"):
-        resume(tmp_path / "checkpoint.pkl", DummyVecEnv([lambda: gym.make("sb3_bruno_envs:PointDir-v0")] * 3))
+        resume(tmp_path / "checkpoint.pkl", unmonitored)
+    BrunoSAC("MlpPolicy", unmonitored, **SETTINGS).learn(90, ResumeCallback(tmp_path / "unmonitored.pkl", 40))
+    with pytest.raises(ValueError, match="3 Monitors, the checkpoint 0"):
+        resume(tmp_path / "unmonitored.pkl", point())

@@ -1,4 +1,4 @@
-"""The clock of a run: environment steps of all its environments, seconds of all its parts."""
+"""The clock of a run counts the steps of all its environments and the seconds of all its parts."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from sb3_bruno.runs.clock import TrainingClock
 
 
 def write_monitors(folder: Path, clock: list[float], n_envs: int = 2) -> Path:
-    rows = [f"1.0,200,{one}" for one in clock]
+    rows = [f"1.0,200,{seconds}" for seconds in clock]
     for env in range(n_envs):
         (folder / f"{env}.monitor.csv").write_text("\n".join(['#{"t_start": 0.0}', "r,l,t", *rows]) + "\n")
     return folder

@@ -1,4 +1,4 @@
-"""Denormal numbers are zero inside, where the CPU can do that, and whatever happens there they are back outside."""
+"""Denormal numbers are zero inside, if the CPU can do that, and are back outside even after an error."""
 
 import pytest
 import torch as th

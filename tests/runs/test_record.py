@@ -1,4 +1,4 @@
-"""What is kept of a run: the numbers are those of the test and of the curve, and a page is made of them."""
+"""The record of a run holds the numbers of its test and of its curve, and a page is made of records."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from sb3_bruno.cli import main
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.interquartile import interquartile_mean
 from sb3_bruno.report.page import by_method
-from sb3_bruno.runs.record import Record
+from sb3_bruno.runs.record import RunRecord
 
 DIRECTIONS = np.array([[1.0, 0.0], [0.0, 1.0]])
 
 
 def run_folder(folder: Path, seed: int, algo: str = "bruno_sac", tasks: np.ndarray = DIRECTIONS, **config) -> Path:
-    """As ``train`` and ``evaluate`` leave one: two evaluations, and a test of 210 steps of reward ``seed``."""
+    """Write a folder as ``train`` and ``evaluate`` do: two evaluations, and a test of 210 steps of reward ``seed``."""
     folder.mkdir(parents=True)
     rewards = np.full((len(tasks), 3, 210), float(seed))
     rewards[0, 0] = -1.0  # the lowest episode
@@ -34,12 +34,12 @@ def run_folder(folder: Path, seed: int, algo: str = "bruno_sac", tasks: np.ndarr
 
 
 def test_a_record_holds_the_curve_and_the_test_and_reads_back(tmp_path: Path) -> None:
-    record = Record.from_run(run_folder(tmp_path / "run", 3))
+    record = RunRecord.from_run(run_folder(tmp_path / "run", 3))
     record.save(tmp_path / "record")
-    read = Record.load(tmp_path / "record")
+    read = RunRecord.load(tmp_path / "record")
     assert read.about == record.about and read.about["versions"]["commit"] == "abcdef012345"
-    for one, two in zip(read[1:], record[1:], strict=True):
-        pd.testing.assert_frame_equal(one, two.reset_index(drop=True), check_dtype=False)
+    for table, saved in zip(read[1:], record[1:], strict=True):
+        pd.testing.assert_frame_equal(table, saved.reset_index(drop=True), check_dtype=False)
     assert read.learning["return"].tolist() == [3.0, 4.0, 5.0, 6.0]
     assert read.learning["task"].tolist() == ["1_0", "0_1"] * 2
     assert read.scores("return_200").to_dict() == pytest.approx({"1_0": (-200 + 2 * 600) / 3, "0_1": 600})
@@ -48,7 +48,7 @@ def test_a_record_holds_the_curve_and_the_test_and_reads_back(tmp_path: Path) ->
 
 
 def test_rewards_of_many_tasks_are_kept_together(tmp_path: Path) -> None:
-    record = Record.from_run(run_folder(tmp_path / "run", 2, tasks=np.linspace(0, 3, 30)[:, None]))
+    record = RunRecord.from_run(run_folder(tmp_path / "run", 2, tasks=np.linspace(0, 3, 30)[:, None]))
     assert record.rewards["task"].unique().tolist() == ["all"] and len(record.rewards) == 210
     assert len(record.scores("return_200")) == 30
 
@@ -56,24 +56,24 @@ def test_rewards_of_many_tasks_are_kept_together(tmp_path: Path) -> None:
 def test_many_tasks_are_told_apart_by_whether_training_tasks_surround_them(tmp_path: Path) -> None:
     tasks = np.arange(6.0)[:, None]
     inside = [False, True, True, True, True, False]
-    record = Record.from_run(run_folder(tmp_path / "a", 1, tasks=tasks, inside_train_box=inside))
+    record = RunRecord.from_run(run_folder(tmp_path / "a", 1, tasks=tasks, inside_train_box=inside))
     assert record.parts() == {"inside": ["1", "2", "3", "4"], "outside": ["0", "5"]}
-    assert Record.from_run(run_folder(tmp_path / "b", 1, tasks=tasks, inside_train_box=[True] * 6)).parts() == {}
-    assert Record.from_run(run_folder(tmp_path / "c", 1)).parts() == {"1_0": ["1_0"], "0_1": ["0_1"]}
+    assert RunRecord.from_run(run_folder(tmp_path / "b", 1, tasks=tasks, inside_train_box=[True] * 6)).parts() == {}
+    assert RunRecord.from_run(run_folder(tmp_path / "c", 1)).parts() == {"1_0": ["1_0"], "0_1": ["0_1"]}
 
 
 def test_the_episodes_of_a_trial_are_kept_apart(tmp_path: Path) -> None:
-    record = Record.from_run(run_folder(tmp_path / "run", 2, n_inner_episodes=3))
+    record = RunRecord.from_run(run_folder(tmp_path / "run", 2, n_inner_episodes=3))
     assert record.measures == ["episode_1", "episode_2", "episode_3", "return_200", "return_210"]
     assert record.scores("episode_3").to_dict() == pytest.approx({"1_0": (-70 + 2 * 140) / 3, "0_1": 140})
 
 
 def test_a_method_is_called_by_what_was_chosen_against_its_config(tmp_path: Path) -> None:
     about = {"conf": "oracle", "params": {"n_envs": 20}}
-    assert Record.from_run(run_folder(tmp_path / "a", 1, "sac", **about)).method == "sac (oracle, n_envs=20)"
-    assert Record.from_run(run_folder(tmp_path / "b", 1, params={}, conf=None)).method == "bruno_sac"
+    assert RunRecord.from_run(run_folder(tmp_path / "a", 1, "sac", **about)).method == "sac (oracle, n_envs=20)"
+    assert RunRecord.from_run(run_folder(tmp_path / "b", 1, params={}, conf=None)).method == "bruno_sac"
     drawn = run_folder(tmp_path / "c", 1, params={}, conf=None, deterministic=False)
-    assert Record.from_run(drawn).method == "bruno_sac (stochastic)"
+    assert RunRecord.from_run(drawn).method == "bruno_sac (stochastic)"
 
 
 def test_the_interval_holds_the_interquartile_mean() -> None:
@@ -86,7 +86,7 @@ def test_the_interval_holds_the_interquartile_mean() -> None:
 
 def test_every_mean_over_seeds_is_interquartile(tmp_path: Path) -> None:
     seeds = (1, 2, 3, 4, 100)  # of which the middle three count
-    records = [Record.from_run(run_folder(tmp_path / str(seed), seed)) for seed in seeds]
+    records = [RunRecord.from_run(run_folder(tmp_path / str(seed), seed)) for seed in seeds]
     for seed, record in zip(seeds, records, strict=True):
         record.about["steps_to_90"] = {"1_0": seed, "0_1": 3 * seed}
     *_, all_tasks, first, second, lowest, steps, _ = by_method({"bruno_sac": records})[2].split(" | ")
@@ -107,7 +107,7 @@ def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monk
     )
     assert not (tmp_path / "page" / "wall_time.png").exists(), "none of them knows its clock"
     report(clocked)
-    assert Record.load(tmp_path / "page" / "sac_oracle" / "seed3").learning["seconds"].tolist() == [60, 60, 180, 180]
+    assert RunRecord.load(tmp_path / "page" / "sac_oracle" / "seed3").learning["seconds"].tolist() == [60, 60, 180, 180]
     page = (tmp_path / "page" / "table.md").read_text()
     assert page.strip() in capsys.readouterr().out
     assert "| bruno_sac | 2 | 400 |" in page and "| sac (oracle) | 1 | 400 |" in page

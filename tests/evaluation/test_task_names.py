@@ -1,0 +1,23 @@
+"""Tasks have the same names everywhere: a label in logs and tables, a title in figures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sb3_bruno.evaluation.task_names import pooled_title, task_label, task_title
+
+
+def test_task_labels() -> None:
+    assert task_label([0.5, -1.0]) == "0.5_-1"
+    assert task_label([np.cos(np.pi / 2), -0.0]) == "0_0"
+    assert task_label(np.float32(0.7861)) == "0.7861"
+
+
+@pytest.mark.parametrize(("task", "title"), [([0.5], "task 0.5"), ([1.0, 0.0], "task (1, 0)"), (-3, "task -3")])
+def test_a_title_is_made_from_a_task_or_its_label(task: list[float] | float, title: str) -> None:
+    assert task_title(task) == task_title(task_label(task)) == title
+
+
+def test_tasks_shown_together_are_counted() -> None:
+    assert pooled_title(30) == "30 tasks"
