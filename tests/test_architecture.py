@@ -18,7 +18,7 @@ ROOMS = {  # each room, from the ground up, and the rooms that it may import
     "": {"algorithms", "buffers", "encoders"},  # the package's face
     "evaluation": set(),
     "runs": {"evaluation"},
-    "plotting": {"algorithms", "evaluation"},
+    "plotting": {"algorithms", "encoders", "evaluation"},
     "diagnostics": {"algorithms", "encoders", "evaluation", "plotting"},
     "resume": {"algorithms"},
     "report": {"evaluation", "plotting", "runs"},

@@ -104,11 +104,12 @@ def diagnose(
 class _Comparison(NamedTuple):
     """What was believed and predicted in the episodes of one task, beside what came.
 
-    :ivar quantities: names of what is modelled
-    :ivar pit: (n_episodes, n_steps, n_quantities)
-    :ivar means: posterior means, (n_episodes, horizon + 1, latent_dim)
-    :ivar real: the first quantity in the first episode, (horizon,)
-    :ivar predicted: its predictive mean and the ends of the interval, (3, horizon)
+    Attributes:
+        quantities: names of what is modelled.
+        pit: (n_episodes, n_steps, n_quantities).
+        means: posterior means, (n_episodes, horizon + 1, latent_dim).
+        real: the first quantity in the first episode, (horizon,).
+        predicted: its predictive mean and the ends of the interval, (3, horizon).
     """
 
     quantities: list[str]
@@ -121,8 +122,9 @@ class _Comparison(NamedTuple):
 class _Sequences(NamedTuple):
     """The episodes of one task, padded with NaN.
 
-    :ivar transitions: arrays (n_episodes, horizon, dim)
-    :ivar absorbed: 1 where the agent was shown the transition, 0 at an inner end of a trial, (n_episodes, horizon)
+    Attributes:
+        transitions: arrays (n_episodes, horizon, dim).
+        absorbed: 1 where the agent was shown the transition, 0 at an inner end of a trial, (n_episodes, horizon).
     """
 
     transitions: Transitions

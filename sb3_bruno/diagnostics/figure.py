@@ -30,13 +30,19 @@ def plot_diagnostics(diagnostics: Diagnostics, path: str | Path) -> None:
 
 
 def draw_diagnostics(diagnostics: Diagnostics) -> Figure:
-    """Draw all six diagnostics, on a figure made without pyplot. Needs the ``plots`` extra."""
+    """Draw all diagnostics, on a figure made without pyplot: six panels, five for an encoder that measures no distance.
+
+    Needs the ``plots`` extra.
+    """
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     figure = Figure(figsize=(15.5, 8.6), layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12))
     panels: list[Axes] = list(figure.subplots(2, 3).flat)
-    drawings = (_draw_pit, _draw_distances, _draw_alarm, _draw_bounds, _draw_beliefs, _draw_prediction)
+    drawings = [_draw_pit, _draw_distances, _draw_alarm, _draw_bounds, _draw_beliefs, _draw_prediction]
+    if diagnostics.distance_levels is None:
+        drawings.remove(_draw_distances)
+        panels.pop().remove()
     for panel, draw in zip(panels, drawings, strict=True):
         draw(panel, diagnostics)
     return figure
@@ -62,6 +68,7 @@ def _draw_pit(panel: Axes, found: Diagnostics) -> None:
 
 def _draw_distances(panel: Axes, found: Diagnostics) -> None:
     """Draw the distribution function of the distances' PIT: the diagonal if calibrated."""
+    assert found.distance_levels is not None  # or the panel is left out
     levels = found.distance_levels.reshape(-1, found.distance_levels.shape[-1])
     style_panel(panel, f"Distance of {len(levels)} sets of transitions")
     few = levels.shape[1] <= _MAX_NAMED

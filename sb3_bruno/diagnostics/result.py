@@ -22,8 +22,6 @@ class Diagnostics:
             the observation, as far as the encoder models them.
         pit: probability integral transforms (PIT) of the modelled quantities under the one-step predictive,
             ``(n_tasks, n_episodes, n_steps, n_quantities)``; uniform if the predictive is right.
-        distance_levels: PIT of the squared Mahalanobis distance of each episode's set of transitions,
-            ``(n_tasks, n_episodes, n_scales)``; there is a scale per latent dimension, or one that all share.
         bounds: bounds on the log-density of each transition given those before it, in nats,
             ``(n_tasks, n_episodes, horizon)``.
         beliefs: posterior means after 0, 1, ... transitions, on their two principal axes,
@@ -32,6 +30,9 @@ class Diagnostics:
         real: the first quantity in the first episode of each task, ``(n_tasks, horizon)``.
         predicted: the predictive mean of that quantity and the ends of its central 90 % interval,
             ``(3, n_tasks, horizon)``.
+        distance_levels: PIT of the squared Mahalanobis distance of each episode's set of transitions,
+            ``(n_tasks, n_episodes, n_scales)``; there is a scale per latent dimension, or one that all share. None if
+            the encoder measures no distance.
         outside_tasks: tasks that the agent should not know, ``(n_outside, task_dim)``, or None.
         outside_bounds: the bounds in episodes of the outside tasks, ``(n_outside, n_episodes, outside_horizon)``, or
             None.
@@ -43,12 +44,12 @@ class Diagnostics:
     tasks: Floats
     quantities: NDArray[np.str_]
     pit: Floats
-    distance_levels: Floats
     bounds: Floats
     beliefs: Floats
     explained: Floats
     real: Floats
     predicted: Floats
+    distance_levels: Floats | None = None
     outside_tasks: Floats | None = None
     outside_bounds: Floats | None = None
 
@@ -62,7 +63,13 @@ class Diagnostics:
         return _distances_from_uniform(self.pit)
 
     def distance_ks(self) -> Floats:
-        """Compute that distance for ``distance_levels``, ``(n_scales,)``; with few episodes, chance makes it large."""
+        """Compute that distance for ``distance_levels``, ``(n_scales,)``; with few episodes, chance makes it large.
+
+        Raises:
+            ValueError: if there are none.
+        """
+        if self.distance_levels is None:
+            raise ValueError("distance_levels is None: diagnose an encoder with the ability MeasuresDistance.")
         return _distances_from_uniform(self.distance_levels)
 
     def coverage(self, level: float) -> Floats:
@@ -110,19 +117,20 @@ class Diagnostics:
 
     def numbers(self) -> dict[str, float]:
         """Return scalars for a log; each mean over quantities or scales comes with the worst of them."""
-        pit_ks, distance_ks = self.pit_ks(), self.distance_ks()
+        pit_ks = self.pit_ks()
         horizon = self.bounds.shape[-1]
         numbers = {
             "pit_ks": pit_ks.mean(),
             "pit_ks_worst": pit_ks.max(),
             "coverage_50": self.coverage(0.5).mean(),
             "coverage_90": self.coverage(0.9).mean(),
-            "distance_ks": distance_ks.mean(),
-            "distance_ks_worst": distance_ks.max(),
             "bound_nats": np.nanmean(self.bounds),
             "bound_nats_first_step": np.nanmean(self.bounds[..., 0]),
             "bound_nats_second_half": np.nanmean(self.bounds[..., horizon // 2 :]),
         }
+        if self.distance_levels is not None:
+            distance_ks = self.distance_ks()
+            numbers |= {"distance_ks": distance_ks.mean(), "distance_ks_worst": distance_ks.max()}
         if self.outside_bounds is not None:
             numbers["auroc"] = self.auroc()
         return {name: float(value) for name, value in numbers.items()}
@@ -138,8 +146,10 @@ class Diagnostics:
         ]
         rows = zip(self.quantities, self.pit_ks(), self.coverage(0.5), self.coverage(0.9), strict=True)
         lines += [f"{name:<{width}} {ks:>12.3f} {half:>12.1%} {most:>12.1%}" for name, ks, half, most in rows]
+        if self.distance_levels is not None:
+            mean, worst = numbers["distance_ks"], numbers["distance_ks_worst"]
+            lines.append(f"sets of transitions: KS distance {mean:.3f}, worst {worst:.3f}")
         lines += [
-            f"sets of transitions: KS distance {numbers['distance_ks']:.3f}, worst {numbers['distance_ks_worst']:.3f}",
             f"bound {numbers['bound_nats']:.3f} nats per transition: {numbers['bound_nats_first_step']:.3f} at first, "
             f"{numbers['bound_nats_second_half']:.3f} in the second half",
         ]

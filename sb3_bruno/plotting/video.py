@@ -13,6 +13,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.algorithms.beliefs import TaskBelief
 from sb3_bruno.algorithms.task_inference import TaskInference
+from sb3_bruno.encoders import HasPosterior
+from sb3_bruno.encoders.abilities import check_ability
 from sb3_bruno.evaluation.task_names import FEW_TASKS, task_title
 
 Frames = list[NDArray[np.uint8]]
@@ -38,10 +40,12 @@ def film_tasks(
         vec_normalize: the VecNormalize of training. Its statistics normalise the observations and stay as they are.
 
     Raises:
-        ValueError: if there are no tasks or more than four, or the environment renders no images.
+        ValueError: if there are no tasks or more than four, the environment renders no images, or the encoder has no
+            posterior to draw.
     """
     from moviepy import ImageSequenceClip
 
+    check_ability(model.encoder, HasPosterior, "A video of beliefs")
     task_array = np.asarray(tasks, dtype=np.float32)
     if not 1 <= len(task_array) <= FEW_TASKS:
         raise ValueError(f"tasks holds {len(task_array)} tasks: give 1 to {FEW_TASKS}.")

@@ -243,7 +243,14 @@ def test_errors_name_the_argument_and_the_remedy() -> None:
     with pytest.raises(ValueError, match="n_episodes=0 is not positive"):
         diagnose(model, make_point_dir, [[1.0, 0.0]], n_episodes=0)
     model.policy.encoder = th.nn.Identity()  # type: ignore[assignment]  # some other encoder
-    with pytest.raises(
-        ValueError, match="model's encoder is of class Identity, which has no beta_n: use a BrunoEncoder"
-    ):
+    with pytest.raises(ValueError, match=r"ability `HasPosterior`, and `Identity` has no `posterior`: add it"):
         diagnose(model, make_point_dir, [[1.0, 0.0]])
+
+
+def test_an_encoder_that_measures_no_distance_is_diagnosed_without() -> None:
+    model, whole = point_dir(), point_dir()
+    model.encoder.__class__ = type("Shy", (type(model.encoder),), {"distance": None})
+    found = diagnose(model, make_point_dir, [[1.0, 0.0]], n_episodes=2)
+    expected = diagnose(whole, make_point_dir, [[1.0, 0.0]], n_episodes=2)
+    assert found.distance_levels is None and expected.distance_levels is not None
+    np.testing.assert_array_equal(found.pit, expected.pit)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -53,6 +54,17 @@ def test_six_panels_show_the_numbers() -> None:
     assert labels[2] == ["these tasks", "outside tasks"]
     assert labels[4] == ["task 0", "task 1", "prior"]
     assert labels[5] == ["task 0: mean, 90 %", "task 0: real", "task 1: mean, 90 %", "task 1: real"]
+
+
+def test_an_encoder_that_measures_no_distance_has_five_panels(tmp_path: Path) -> None:
+    found = replace(diagnostics_of(2), distance_levels=None)
+    titles = [panel.get_title(loc="left") for panel in draw_diagnostics(found).axes]
+    assert len(titles) == 5 and not any(title.startswith("Distance") for title in titles)
+    assert "sets of transitions" not in found.summary() and "distance_ks" not in found.numbers()
+    found.save(tmp_path / "found.npz")
+    assert Diagnostics.load(tmp_path / "found.npz").distance_levels is None
+    with pytest.raises(ValueError, match="MeasuresDistance"):
+        found.distance_ks()
 
 
 def test_lines_are_the_arrays() -> None:
