@@ -7,8 +7,12 @@ import importlib
 import importlib.util
 import runpy
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import rl_zoo3.enjoy
@@ -22,7 +26,7 @@ from sb3_bruno.cli.report import report
 from sb3_bruno.cli.sweep import sweep
 from sb3_bruno.runs.denormals import flushed_denormals
 from sb3_bruno.runs.origin import ORIGIN, load_command
-from sb3_bruno.zoo.experiment import CHECKPOINT, TaskExperiment
+from sb3_bruno.zoo.experiment import CHECKPOINT, RunOptions, TaskExperiment
 from sb3_bruno.zoo.mistake import Mistake, mistake_of
 from sb3_bruno.zoo.registry import register
 
@@ -54,22 +58,25 @@ def train(arguments: Arguments) -> None:
     """
     parser = _own_parser("train", train)
     parser.add_argument("--resume", type=Path, metavar="DIR", help="go on with the run in DIR; other flags are its own")
+    freq = RunOptions().checkpoint_freq
     parser.add_argument(
-        "--checkpoint-freq", type=int, default=25_000, metavar="N", help="env steps between checkpoints, 0: none"
+        "--checkpoint-freq", type=int, default=freq, metavar="N", help="env steps between checkpoints, 0: none"
     )
     own, rest = _parse(parser, arguments, rl_zoo3.train.train)
-    TaskExperiment.folder = own.resume
-    if own.resume is not None:
+    resume_from = own.resume
+    if resume_from is not None:
         if rest:
             raise Mistake(f"--resume goes on with the run's own flags: leave out {' '.join(rest)}")
-        own, rest = parser.parse_known_args(_command_of(own.resume))
+        own, rest = parser.parse_known_args(_command_of(resume_from))
     for needed in ("wandb", "tensorboard") if "--track" in rest else ():
         if importlib.util.find_spec(needed) is None:
             raise Mistake(f"--track needs {needed}, which is not installed: pip install 'sb3_bruno[wandb]'")
-    TaskExperiment.checkpoint_freq = own.checkpoint_freq
-    vars(rl_zoo3.train)["ExperimentManager"] = TaskExperiment  # what train() makes
-    with flushed_denormals():
-        _call(rl_zoo3.train.train, "train", _with_defaults(rest, {**DEFAULTS, "--num-threads": "1"}))
+    command = _with_defaults(rest, {**DEFAULTS, "--num-threads": "1"})
+    has_started = threading.Event()  # until it is set, an error is a mistake in the command
+    options = RunOptions(own.checkpoint_freq, resume_from, command, has_started.set)
+    experiment = partial(TaskExperiment, options=options)
+    with flushed_denormals(), _replaced(rl_zoo3.train, "ExperimentManager", experiment):
+        _call(rl_zoo3.train.train, "train", command, has_started.is_set)
 
 
 def enjoy(arguments: Arguments) -> None:
@@ -110,18 +117,26 @@ USAGE = "usage: sb3-bruno COMMAND ...\n\ncommands (each with its own --help):\n"
 
 
 def _rl_zoo3_record_video() -> None:
-    """rl_zoo3's script, which makes its environment without the ``env_kwargs`` of the run's config: they are put in."""
+    """Run rl_zoo3's script. It ignores the ``env_kwargs`` of the run's config: put them in."""
     make = rl_zoo3.utils.create_test_env
 
     def make_as_trained(env_id: str, hyperparams: dict[str, Any], env_kwargs: dict[str, Any], **kwargs: Any) -> VecEnv:
         env_kwargs = {**hyperparams.get("env_kwargs", {}), **env_kwargs}
         return make(env_id, hyperparams=hyperparams, env_kwargs=env_kwargs, **kwargs)
 
-    vars(rl_zoo3.utils)["create_test_env"] = make_as_trained  # what the script imports
-    try:
+    with _replaced(rl_zoo3.utils, "create_test_env", make_as_trained):
         runpy.run_module("rl_zoo3.record_video", run_name="__main__")
+
+
+@contextmanager
+def _replaced(module: ModuleType, name: str, value: Any) -> Iterator[None]:
+    """Put ``value`` in the place of ``module.name`` for the block."""
+    before = getattr(module, name)
+    setattr(module, name, value)
+    try:
+        yield
     finally:
-        vars(rl_zoo3.utils)["create_test_env"] = make
+        setattr(module, name, before)
 
 
 def _own_parser(name: str, command: Callable[[Arguments], None]) -> argparse.ArgumentParser:
@@ -146,14 +161,19 @@ def _with_defaults(arguments: Arguments, defaults: dict[str, str]) -> Arguments:
     return [part for flag in defaults.items() for part in flag] + arguments
 
 
-def _call(upstream: Callable[[], None], name: str, arguments: Arguments) -> None:
-    """Call a function that reads ``sys.argv``; what it raises before an agent learns is the user's to mend."""
-    sys.argv = [f"sb3-bruno {name}", *arguments]
-    TaskExperiment.has_started = False
+def _call(
+    upstream: Callable[[], None], name: str, arguments: Arguments, has_started: Callable[[], bool] = lambda: False
+) -> None:
+    """Call a function of rl_zoo3 that reads ``sys.argv``.
+
+    Raises:
+        Mistake: if it raises before the work has started; later errors stay as they are.
+    """
     try:
-        upstream()
+        with _replaced(sys, "argv", [f"sb3-bruno {name}", *arguments]):
+            upstream()
     except Exception as error:
-        if TaskExperiment.has_started or isinstance(error, Mistake):
+        if has_started() or isinstance(error, Mistake):
             raise
         raise mistake_of(error) from error
 

@@ -21,7 +21,6 @@ from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.eval_callback import load_learning_curve
 from sb3_bruno.runs.origin import ORIGIN, trained_at
 from sb3_bruno.zoo.configs import config_file, config_name, configs_folder
-from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.registry import ALGORITHMS
 from sb3_bruno_envs import CHEETAH_VEL_TASKS
 from support.tiny_runs import tiny
@@ -201,9 +200,10 @@ def test_a_killed_run_is_resumed_exactly(run, tmp_path):
         time.sleep(0.05)
     process.send_signal(signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
+    found = (parts / "checkpoint.pkl").stat().st_mtime_ns
     printed, mistake = run("train", "--resume", parts)
     assert mistake == "" and "of 2,000 env steps" in printed
-    assert TaskExperiment.checkpoint_freq == 160
+    assert (parts / "checkpoint.pkl").stat().st_mtime_ns > found  # its own --checkpoint-freq, not the default
     origins = [json.loads((folder / ORIGIN).read_text()) for folder in (whole, parts)]
     assert origins[0]["command"] == origins[1]["command"]
     assert [len(origin["versions"]) for origin in origins] == [1, 2]
