@@ -9,6 +9,7 @@ import numpy as np
 from stable_baselines3.common.utils import set_random_seed
 
 from sb3_bruno.algorithms.task_inference import TaskInference
+from sb3_bruno.cli.mistake import Mistake, told_as_mistake
 from sb3_bruno.cli.parser import add_arguments, command_parser
 from sb3_bruno.diagnostics.diagnose import diagnose as measure
 from sb3_bruno.diagnostics.figure import plot_diagnostics
@@ -17,7 +18,6 @@ from sb3_bruno.evaluation.adaptation_result import FEW_TASKS
 from sb3_bruno.evaluation.eval_callback import load_learning_curve
 from sb3_bruno.plotting.curves import plot_adaptation, plot_learning_curves
 from sb3_bruno.plotting.video import record_tasks
-from sb3_bruno.zoo.mistake import Mistake
 from sb3_bruno.zoo.trained import load_trained
 
 
@@ -32,7 +32,8 @@ def evaluate(arguments: list[str]) -> None:
     parser.add_argument("--video", action="store_true", help="also record up to four tasks, belief drawn under each")
     parser.add_argument("--out", type=Path, help="where adaptation.json and .png go (default: the run's folder)")
     options = parser.parse_args(arguments)
-    agent = load_trained(options)
+    with told_as_mistake():
+        agent = load_trained(options)
     if options.video and not isinstance(agent.model, TaskInference):
         raise Mistake(f"--video draws the belief, and {options.algo} has none: use record-video")
     set_random_seed(options.seed)  # of the actions drawn
@@ -75,7 +76,8 @@ def diagnose(arguments: list[str]) -> None:
     add_arguments(parser)
     parser.add_argument("--out", type=Path, help="where diagnostics.npz and .png go (default: the run's folder)")
     options = parser.parse_args(arguments)
-    agent = load_trained(options)
+    with told_as_mistake():
+        agent = load_trained(options)
     if not isinstance(agent.model, TaskInference):
         raise Mistake(f"{options.algo} has no belief to diagnose")
     found = measure(
@@ -109,17 +111,13 @@ def plot(arguments: list[str]) -> None:
     curves = {}
     for algo in options.algo:
         runs = sorted((options.exp_folder / algo).glob(f"{options.env}_*"))
-        try:
+        with told_as_mistake():
             curves[algo] = [load_learning_curve(run) for run in runs if (run / "evaluation_tasks.npz").is_file()]
-        except ValueError as error:
-            raise Mistake(str(error)) from error
         if not curves[algo]:
             raise Mistake(f"{options.exp_folder / algo} has no evaluated run of {options.env}: train with --eval-freq")
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    try:
+    with told_as_mistake():
         plot_learning_curves(curves, options.out)
-    except ValueError as error:
-        raise Mistake(str(error)) from error
     for algo, of_algo in curves.items():
         last = [float(np.mean(curve.returns[-1])) for curve in of_algo]
         print(f"{algo}: {len(last)} runs, last evaluation {np.mean(last):.1f} on average")

@@ -21,13 +21,13 @@ import rl_zoo3.utils
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.cli.evaluate import diagnose, evaluate, plot
+from sb3_bruno.cli.mistake import Mistake, told_as_mistake
 from sb3_bruno.cli.parser import command_parser
 from sb3_bruno.cli.report import report
 from sb3_bruno.cli.sweep import sweep
 from sb3_bruno.runs.denormals import flushed_denormals
 from sb3_bruno.runs.origin import ORIGIN, load_command
 from sb3_bruno.zoo.experiment import CHECKPOINT, RunOptions, TaskExperiment
-from sb3_bruno.zoo.mistake import Mistake, mistake_of
 from sb3_bruno.zoo.registry import register
 
 DEFAULTS = {"--algo": "bruno_sac", "--env": "CheetahDir-v0"}
@@ -169,13 +169,8 @@ def _call(
     Raises:
         Mistake: if it raises before the work has started; later errors stay as they are.
     """
-    try:
-        with _replaced(sys, "argv", [f"sb3-bruno {name}", *arguments]):
-            upstream()
-    except Exception as error:
-        if has_started() or isinstance(error, Mistake):
-            raise
-        raise mistake_of(error) from error
+    with told_as_mistake(Exception, has_started), _replaced(sys, "argv", [f"sb3-bruno {name}", *arguments]):
+        upstream()
 
 
 def _command_of(folder: Path) -> Arguments:

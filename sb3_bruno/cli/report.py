@@ -9,10 +9,10 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from sb3_bruno.cli.mistake import Mistake, told_as_mistake
 from sb3_bruno.cli.parser import command_parser
 from sb3_bruno.report.page import check_budgets, write_page
 from sb3_bruno.runs.record import Record
-from sb3_bruno.zoo.mistake import Mistake
 
 
 def report(arguments: list[str]) -> None:
@@ -27,7 +27,7 @@ def report(arguments: list[str]) -> None:
     untested = [str(run) for run in options.runs if not (run / "adaptation.json").is_file()]
     if untested:
         raise Mistake(f"no adaptation.json in {', '.join(untested)}: test the run by `sb3-bruno evaluate` first")
-    try:
+    with told_as_mistake():
         new = {options.out / folder: record for folder, record in _records_of(options.runs).items()}
         check_budgets({**_recorded(options.out), **new}.values())
         for folder, record in new.items():
@@ -36,8 +36,6 @@ def report(arguments: list[str]) -> None:
         if not records:
             raise Mistake(f"{options.out} holds no record and no run was given: give folders of runs that were tested")
         print(write_page(records, options.out))
-    except ValueError as error:
-        raise Mistake(str(error)) from error
 
 
 def _recorded(out: Path) -> dict[Path, Record]:

@@ -15,19 +15,20 @@ from optuna.trial import TrialState
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 from rl_zoo3.utils import StoreDict
 
+from sb3_bruno.cli.mistake import Mistake, told_as_mistake
 from sb3_bruno.cli.parser import at_least_one, command_parser
 from sb3_bruno.runs.denormals import flushed_denormals
 from sb3_bruno.zoo.configs import config_file, merged, read_configs
-from sb3_bruno.zoo.mistake import Mistake, mistake_of
+from sb3_bruno.zoo.one_line import in_one_line
 from sb3_bruno.zoo.sweep import (
     COUNTED,
     GIVEN_BACK,
     OWNER,
     SETTINGS,
     SweepExperiment,
+    create_study,
     give_back_surplus,
     load_study,
-    open_storage,
     requeue_lost_trials,
 )
 
@@ -61,7 +62,7 @@ class StoreParams(StoreDict):
             super().__call__(parser, namespace, values, option_string)  # type: ignore[no-untyped-call]  # rl_zoo3's
         except Exception as error:
             given = f"{option_string} {' '.join(values)}"
-            raise Mistake(f"{given}: {mistake_of(error)}: give NAME:VALUE, a VALUE that is text in quotes") from error
+            raise Mistake(f"{given}: {in_one_line(error)}: give NAME:VALUE, a VALUE that is text in quotes") from error
 
 
 def init(options: argparse.Namespace) -> None:
@@ -75,37 +76,44 @@ def init(options: argparse.Namespace) -> None:
         "n_startup_trials": options.n_startup_trials,
         "seed": options.seed,
     }
-    SweepExperiment(settings).check()
-    try:
-        study = optuna.create_study(
-            study_name=options.study_name, storage=open_storage(options.storage), direction="maximize"
-        )
-    except optuna.exceptions.DuplicatedStudyError as error:
-        raise Mistake(f"{options.storage} has a study {options.study_name}: choose another --study-name") from error
-    study.set_user_attr(SETTINGS, settings)
+    with told_as_mistake(Exception):  # config and -params may raise anything
+        SweepExperiment(settings).check()
+    with told_as_mistake():
+        create_study(options.storage, options.study_name, settings)
     print(f"Made {options.study_name} in {options.storage}: start workers with sb3-bruno sweep run")
 
 
 def read_config(algo: str, env: str, conf: str | None) -> dict[str, Any]:
-    """The hyperparameters that are not drawn.
+    """Read the hyperparameters that are not drawn.
 
-    :raises Mistake: if there are none for this algorithm and environment
+    Raises:
+        Mistake: if there are none for this algorithm and environment.
     """
-    try:
+    with told_as_mistake(OSError), told_as_mistake(ValueError):
         path = config_file(algo, conf) or str(Path(rl_zoo3.__file__).parent / "hyperparams" / f"{algo}.yml")
-        config: dict[str, Any] = read_configs(path)[env]
-    except (OSError, ValueError) as error:
-        raise Mistake(str(error)) from error
-    except KeyError as error:
-        raise Mistake(f"{path} has no {env}: give another file by -conf") from error
+        configs = read_configs(path)
+    if env not in configs:
+        raise Mistake(f"{path} has no {env}: give another file by -conf")
+    config: dict[str, Any] = configs[env]
     return config
+
+
+def find_study(options: argparse.Namespace) -> optuna.Study:
+    """Load the study that ``--storage`` and ``--study-name`` name.
+
+    Raises:
+        Mistake: if there is none.
+    """
+    with told_as_mistake():
+        return load_study(options.storage, options.study_name)
 
 
 def run(options: argparse.Namespace) -> None:
     """Work on the study until it has --max-total-trials, or for --n-trials; any number of workers may."""
     th.set_num_threads(1)
-    study = load_study(options.storage, options.study_name)
-    experiment = SweepExperiment(study.user_attrs[SETTINGS])
+    study = find_study(options)
+    with told_as_mistake(Exception):
+        experiment = SweepExperiment(study.user_attrs[SETTINGS])
 
     def objective(trial: optuna.Trial) -> float:
         if options.max_total_trials:
@@ -140,7 +148,7 @@ def run(options: argparse.Namespace) -> None:
 
 def status(options: argparse.Namespace) -> None:
     """Count the trials by state; show who works on which, and the best so far."""
-    study = load_study(options.storage, options.study_name)
+    study = find_study(options)
     tell_of_lost_trials(study)
     trials = study.get_trials(deepcopy=False)
     counts = Counter("given back" if GIVEN_BACK in one.user_attrs else one.state.name.lower() for one in trials)
@@ -161,7 +169,7 @@ def tell_of_lost_trials(study: optuna.Study) -> None:
 
 def best(options: argparse.Namespace) -> None:
     """Write the best hyperparameters as a config that sb3-bruno train takes as it is."""
-    study = load_study(options.storage, options.study_name)
+    study = find_study(options)
     if not study.get_trials(deepcopy=False, states=[TrialState.COMPLETE]):
         raise Mistake(f"no trial of {options.study_name} is complete: start workers with sb3-bruno sweep run")
     settings, trial = study.user_attrs[SETTINGS], study.best_trial
@@ -180,7 +188,7 @@ def best(options: argparse.Namespace) -> None:
 
 def export(options: argparse.Namespace) -> None:
     """Write every trial with its state, return, duration and draws as CSV."""
-    study = load_study(options.storage, options.study_name)
+    study = find_study(options)
     table = study.trials_dataframe(attrs=("number", "state", "value", "duration", "params"))
     save(table.to_csv(index=False), options.out)
     print(f"Saved {len(study.trials)} trials in {options.out}")

@@ -26,7 +26,6 @@ from sb3_bruno.resume.checkpoint import ResumeCallback, resume
 from sb3_bruno.runs.origin import save_origin
 from sb3_bruno.zoo.configs import config_file, merged, read_configs
 from sb3_bruno.zoo.held_out import FRESH, HeldOut, hold_out
-from sb3_bruno.zoo.mistake import Mistake, mistake_of
 
 CHECKPOINT = "checkpoint.pkl"
 ENCODER_ARGUMENTS = {"encoder_class", "encoder_kwargs", "critic_input"}
@@ -109,13 +108,16 @@ class TaskExperiment(ExperimentManager):
     def _drawn_in_trial(self, n_envs: int) -> dict[str, Any]:
         """Return what the trial of ``--trial-id`` drew, whether rl_zoo3's search or our sweep made it."""
         if self.storage is None or self.study_name is None:
-            raise Mistake(f"--trial-id {self.trial_id} is of a study: give its --storage and --study-name")
+            raise ValueError(f"--trial-id {self.trial_id} is of a study: give its --storage and --study-name")
         try:
             drawn = self.load_trial(self.storage, self.study_name, self.trial_id, convert=False)
             converted: dict[str, Any] = HYPERPARAMS_CONVERTER[self.algo]({**drawn, "n_envs": n_envs})
         except (KeyError, IndexError) as error:
-            there = f"{self.study_name} in {self.storage}"
-            raise Mistake(f"--trial-id {self.trial_id}: {there} has no such trial with all its draws") from error
+            study = f"{self.study_name} in {self.storage}"
+            raise ValueError(
+                f"--trial-id {self.trial_id}: {study} has no such trial with all its draws: give one that `sb3-bruno "
+                "sweep export` lists"
+            ) from error
         return converted
 
     @staticmethod
@@ -157,12 +159,10 @@ class TaskExperiment(ExperimentManager):
             model, saved_hyperparams = results
             if self._resume_from is not None:
                 model = self._resumed(model, self._resume_from)
-        except Exception as error:
+        except Exception:
             if self._is_new:
                 shutil.rmtree(self.save_path, ignore_errors=True)  # it holds no result
-            if isinstance(error, Mistake):
-                raise
-            raise mistake_of(error) from error
+            raise
         chosen = ["--seed", str(self.seed), "--checkpoint-freq", str(self._options.checkpoint_freq)]
         command = [*self._options.command, *chosen]  # if a flag is given twice, the last one counts
         save_origin(Path(self.save_path), command)

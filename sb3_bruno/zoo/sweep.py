@@ -30,7 +30,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.zoo.configs import merged
 from sb3_bruno.zoo.experiment import TaskExperiment
-from sb3_bruno.zoo.mistake import Mistake, mistake_of
+from sb3_bruno.zoo.one_line import in_one_line
 
 OWNER = "worker"  # user attribute of a trial: {"host": ..., "pid": ..., "started": seconds since the epoch}
 SETTINGS = "settings"  # user attribute of a study: what every trial is made of
@@ -44,7 +44,7 @@ def open_storage(storage: str, heartbeat: int = 60) -> JournalStorage | RDBStora
 
     :param heartbeat: seconds between the heartbeats of a database's workers; after twice as many without one a trial is
         failed and queued again
-    :raises Mistake: if it is neither, or SQLite, which two workers break, or cannot be reached
+    :raises ValueError: if it is neither, or SQLite, which two workers break, or cannot be reached
     """
     try:
         if storage.endswith(".log"):
@@ -53,8 +53,8 @@ def open_storage(storage: str, heartbeat: int = 60) -> JournalStorage | RDBStora
         if storage.startswith("postgresql"):
             return _open_database(storage, heartbeat)
     except (OSError, ImportError, ValueError, SQLAlchemyError) as error:
-        raise Mistake(f"--storage {storage} cannot be opened: {mistake_of(error)}") from error
-    raise Mistake(f"--storage {storage}: give a journal file (sweep.log) or a database (postgresql://...)")
+        raise ValueError(f"--storage {storage} cannot be opened: {in_one_line(error)}") from error
+    raise ValueError(f"--storage {storage}: give a journal file (sweep.log) or a database (postgresql://...)")
 
 
 def _open_database(url: str, heartbeat: int) -> RDBStorage:
@@ -67,19 +67,38 @@ def _open_database(url: str, heartbeat: int) -> RDBStorage:
         )
 
 
+def create_study(storage: str, name: str, settings: dict[str, Any]) -> optuna.Study:
+    """Create a study for any number of workers.
+
+    Args:
+        storage: a journal file (``.log``) or the address of a PostgreSQL database.
+        name: the study's name in the storage.
+        settings: what every trial is made of.
+
+    Raises:
+        ValueError: if the storage has a study of that name, or cannot be opened.
+    """
+    try:
+        study = optuna.create_study(study_name=name, storage=open_storage(storage), direction="maximize")
+    except optuna.exceptions.DuplicatedStudyError as error:
+        raise ValueError(f"{storage} has a study {name}: choose another --study-name") from error
+    study.set_user_attr(SETTINGS, settings)
+    return study
+
+
 def load_study(storage: str, name: str) -> optuna.Study:
     """The study that ``sweep init`` made.
 
-    :raises Mistake: if there is none, or another made it, such as ``train -optimize``, or ``init`` did not end
+    :raises ValueError: if there is none, or another made it, such as ``train -optimize``, or ``init`` did not end
     """
     try:
         study = optuna.load_study(study_name=name, storage=open_storage(storage))
     except KeyError as error:
-        raise Mistake(f"no study {name} in {storage}: make it with sb3-bruno sweep init") from error
+        raise ValueError(f"no study {name} in {storage}: make it with sb3-bruno sweep init") from error
     settings = study.user_attrs.get(SETTINGS)
     if settings is None:
         made = "was not made by sb3-bruno sweep init, or not to the end: make another --study-name with it"
-        raise Mistake(f"study {name} in {storage} {made}")
+        raise ValueError(f"study {name} in {storage} {made}")
     study.sampler = optuna.samplers.TPESampler(n_startup_trials=settings["n_startup_trials"])
     first_third = settings["n_evaluations"] // 3  # of a trial, in which little is learned yet: none is pruned there
     study.pruner = optuna.pruners.MedianPruner(settings["n_startup_trials"], n_warmup_steps=first_third + 1)
@@ -144,12 +163,10 @@ class SweepExperiment(TaskExperiment):
     def check(self) -> None:
         """Make a model once, so that a mistake shows before any worker starts."""
         if not isinstance(self.n_envs, int) or self.n_envs < 1:
-            raise Mistake(f"n_envs={self.n_envs!r} is not a positive integer: give at least 1")
+            raise ValueError(f"n_envs={self.n_envs!r} is not a positive integer: give at least 1")
         env = self.create_envs(1)
         try:
             rl_zoo3.ALGOS[self.algo](env=env, device="cpu", **self._hyperparams)
-        except (ValueError, TypeError, AssertionError) as error:
-            raise Mistake(str(error)) from error
         finally:
             env.close()
 

@@ -24,7 +24,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from sb3_bruno.runs.clock import TrainingClock
 from sb3_bruno.runs.origin import trained_at
 from sb3_bruno.zoo.configs import config_file, config_name, read_configs
-from sb3_bruno.zoo.mistake import Mistake, mistake_of
+from sb3_bruno.zoo.one_line import in_one_line
 
 
 class TrainedAgent(NamedTuple):
@@ -53,7 +53,7 @@ class TrainedAgent(NamedTuple):
 def load_trained(options: argparse.Namespace) -> TrainedAgent:
     """The agent that the flags choose.
 
-    :raises Mistake: if there is none that can be loaded, or its environment has no list of tasks or is of trials and
+    :raises ValueError: if there is none that can be loaded, or its environment has no list of tasks or is of trials and
         ``--steps`` would cut them
     """
     th.set_num_threads(1)
@@ -63,7 +63,7 @@ def load_trained(options: argparse.Namespace) -> TrainedAgent:
             options.exp_id, options.folder, options.algo, env_name, options.load_best
         )
     except (AssertionError, ValueError) as error:
-        raise Mistake(str(error)) from error
+        raise ValueError(str(error)) from error
     params = Path(folder) / env_name
     for package in _arguments(params).get("gym_packages", []):  # which register the run's environment
         importlib.import_module(package)
@@ -73,7 +73,7 @@ def load_trained(options: argparse.Namespace) -> TrainedAgent:
     make_env = partial(gym.make, env_name.gym_id, **env_kwargs)
     tasks, inside, n_inner = _tasks(make_env, options.split)
     if options.steps is not None and n_inner > 1:
-        raise Mistake(f"--steps {options.steps}: a trial is as long as its {n_inner} episodes, so leave it out")
+        raise ValueError(f"--steps {options.steps}: a trial is as long as its {n_inner} episodes, so leave it out")
     model = _load(options.algo, model_path)
     clock = TrainingClock.of_run(Path(folder))
     config = {
@@ -94,14 +94,14 @@ def load_trained(options: argparse.Namespace) -> TrainedAgent:
 def _tasks(make_env: Callable[[], gym.Env[Any, Any]], split: str) -> tuple[NDArray[np.float32], NDArray[np.bool_], int]:
     """All tasks of a split, (n_tasks, task_dim), which of them lie between training tasks, episodes per trial.
 
-    :raises Mistake: if the environment has no list of them
+    :raises ValueError: if the environment has no list of them
     """
     try:
         env = make_env()
         distribution = env.get_wrapper_attr("task_distribution")
         tasks: NDArray[np.float32] = distribution.tasks(split)
     except (TypeError, AttributeError) as error:
-        raise Mistake(f"the environment has no list of {split} tasks to test on: {error}") from error
+        raise ValueError(f"the environment has no list of {split} tasks to test on: {error}") from error
     n_inner = env.get_wrapper_attr("n_episodes") if env.has_wrapper_attr("n_episodes") else 1
     env.close()
     return tasks, distribution.inside_train_box(tasks), n_inner
@@ -164,7 +164,7 @@ def _arguments(params: Path) -> dict[str, Any]:
         with open(params / "args.yml", encoding="utf-8") as file:
             arguments: dict[str, Any] = yaml.unsafe_load(file)  # rl_zoo3 wrote an OrderedDict
     except FileNotFoundError as error:
-        raise Mistake(f"{params} has no args.yml, which `sb3-bruno train` writes: train there") from error
+        raise ValueError(f"{params} has no args.yml, which `sb3-bruno train` writes: train there") from error
     return arguments
 
 
@@ -172,7 +172,7 @@ def _load(algo: str, path: str) -> BaseAlgorithm:
     try:
         model: BaseAlgorithm = rl_zoo3.ALGOS[algo].load(path, device="cpu")
     except Exception as error:  # whatever a damaged file, or one of another algorithm, makes of it
-        raise Mistake(f"{path} cannot be loaded as {algo}: {mistake_of(error)}") from error
+        raise ValueError(f"{path} cannot be loaded as {algo}: {in_one_line(error)}") from error
     return model
 
 
