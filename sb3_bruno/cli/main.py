@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import importlib.util
 import runpy
 import sys
@@ -22,13 +21,13 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.cli.evaluate import diagnose, evaluate, plot
 from sb3_bruno.cli.mistake import Mistake, told_as_mistake
-from sb3_bruno.cli.parser import command_parser
+from sb3_bruno.cli.parser import add_gym_packages, command_parser
 from sb3_bruno.cli.report import report
 from sb3_bruno.cli.sweep import sweep
 from sb3_bruno.runs.denormals import flushed_denormals
 from sb3_bruno.runs.origin import ORIGIN, load_command
 from sb3_bruno.zoo.experiment import CHECKPOINT, RunOptions, TaskExperiment
-from sb3_bruno.zoo.registry import register
+from sb3_bruno.zoo.registry import import_packages, register
 
 DEFAULTS = {"--algo": "bruno_sac", "--env": "CheetahDir-v0"}
 Arguments = list[str]
@@ -94,10 +93,10 @@ def record_video(arguments: Arguments) -> None:
     example: sb3-bruno record-video --algo bruno_sac --env CheetahDir-v0 -f logs -n 400
     """
     parser = _own_parser("record-video", record_video)
-    parser.add_argument("--gym-packages", nargs="+", default=[], help="packages to import, which register environments")
+    add_gym_packages(parser)
     own, rest = _parse(parser, arguments, _rl_zoo3_record_video)
-    for package in own.gym_packages:
-        importlib.import_module(package)
+    with told_as_mistake():
+        import_packages(own.gym_packages)
     _call(_rl_zoo3_record_video, "record-video", _with_defaults(rest, {**DEFAULTS, "-f": "logs"}))
 
 

@@ -43,3 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--steps", type=at_least_one, help="of each episode (default: the environment's own)")
     parser.add_argument("--split", choices=["train", "test"], default="test", help="which tasks (default: test)")
     parser.add_argument("--seed", type=int, default=0, help="of the environments (default: 0)")
+
+
+def add_gym_packages(parser: argparse.ArgumentParser) -> None:
+    """Add ``--gym-packages``, as rl_zoo3's ``train`` has it."""
+    parser.add_argument("--gym-packages", nargs="+", default=[], help="packages to import, which register environments")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -25,6 +24,7 @@ from sb3_bruno.runs.clock import TrainingClock
 from sb3_bruno.runs.origin import trained_at
 from sb3_bruno.zoo.configs import config_file, config_name, read_configs
 from sb3_bruno.zoo.one_line import in_one_line
+from sb3_bruno.zoo.registry import import_packages
 
 
 class TrainedAgent(NamedTuple):
@@ -65,8 +65,7 @@ def load_trained(options: argparse.Namespace) -> TrainedAgent:
     except (AssertionError, ValueError) as error:
         raise ValueError(str(error)) from error
     params = Path(folder) / env_name
-    for package in _arguments(params).get("gym_packages", []):  # which register the run's environment
-        importlib.import_module(package)
+    import_packages(_arguments(params).get("gym_packages", []))
     env_kwargs = _env_kwargs(params) | {"split": options.split}
     if options.steps is not None:
         env_kwargs["max_episode_steps"] = options.steps
