@@ -1,4 +1,4 @@
-"""The command line, a thin layer over rl_zoo3: its flags, its folders, our algorithms, environments and configs."""
+"""The command line: rl_zoo3's flags and folders with our algorithms, environments, configs and commands."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def main(arguments: Arguments | None = None) -> None:
 
 
 def train(arguments: Arguments) -> None:
-    """Train an agent as rl_zoo3 does, or go on with a run exactly where its last checkpoint was taken.
+    """Train an agent as rl_zoo3 does, or go on with a run exactly from its last checkpoint.
 
     One torch thread unless --num-threads says otherwise. -conf takes a file, or a folder of ours such as oracle.
 
@@ -139,24 +139,24 @@ def _replaced(module: ModuleType, name: str, value: Any) -> Iterator[None]:
 
 
 def _own_parser(name: str, command: Callable[[Arguments], None]) -> argparse.ArgumentParser:
-    """Of our flags alone: rl_zoo3's parser has the help."""
+    """Make a parser of our flags alone; ``--help`` is left to ``_parse``."""
     return command_parser(name, command, add_help=False, allow_abbrev=False)
 
 
 def _parse(
     parser: argparse.ArgumentParser, arguments: Arguments, upstream: Callable[[], None]
 ) -> tuple[argparse.Namespace, Arguments]:
-    """Our own flags, and the rest, which is rl_zoo3's. --help shows both."""
+    """Parse our flags and return the rest, which are rl_zoo3's. ``--help`` shows both."""
     own, rest = parser.parse_known_args(arguments)
     if {"-h", "--help"} & set(rest):
         parser.print_help()
-        print(f"\nand the flags of rl_zoo3 (defaults of ours: {DEFAULTS}):\n")
+        print(f"\nand the flags of rl_zoo3 (with our defaults: {DEFAULTS}):\n")
         _call(upstream, parser.prog.split()[-1], ["--help"])
     return own, rest
 
 
 def _with_defaults(arguments: Arguments, defaults: dict[str, str]) -> Arguments:
-    """Ours first: of a flag that is given twice the last one counts."""
+    """Put the defaults first: if a flag is given twice, the last one counts."""
     return [part for flag in defaults.items() for part in flag] + arguments
 
 
@@ -173,8 +173,12 @@ def _call(
 
 
 def _command_of(folder: Path) -> Arguments:
-    """The command that started the run in ``folder``, its seed and its folder included."""
+    """Read the command that started the run in ``folder``, with its seed and checkpoint frequency.
+
+    Raises:
+        Mistake: if the folder has no checkpoint.
+    """
     missing = [name for name in (CHECKPOINT, ORIGIN) if not (folder / name).is_file()]
     if missing:
-        raise Mistake(f"--resume {folder}: no {missing[0]} there, so there is nothing to go on from")
+        raise Mistake(f"--resume {folder}: no {missing[0]} there, so there is nothing to go on from: train anew")
     return load_command(folder)

@@ -1,4 +1,4 @@
-"""``sb3-bruno report``: records runs, then makes the page of all that are recorded.
+"""``sb3-bruno report``: record runs, then make a results page of all recorded runs.
 
 sb3-bruno report logs/*/CheetahDir-v0_* --out docs/results/cheetah_dir
 """
@@ -16,7 +16,7 @@ from sb3_bruno.runs.record import Record
 
 
 def report(arguments: list[str]) -> None:
-    """Record runs that were tested by ``evaluate`` and make tables and figures of all that are recorded in a folder.
+    """Record runs that ``evaluate`` tested, then make tables and figures of all runs recorded in a folder.
 
     example: sb3-bruno report logs/bruno_sac/CheetahDir-v0_* --out results
     """
@@ -39,18 +39,22 @@ def report(arguments: list[str]) -> None:
 
 
 def _recorded(out: Path) -> dict[Path, Record]:
-    """What a page's folder holds, by the folder of each run."""
+    """Load the records in a page's folder, by the folder of each."""
     return {path.parent: Record.load(path.parent) for path in sorted(out.glob("*/*/run.json"))}
 
 
 def _records_of(runs: Sequence[Path]) -> dict[str, Record]:
-    """What to keep of each run, by the folder that keeps it."""
+    """Make a record of each run, by the folder to keep it in.
+
+    Raises:
+        Mistake: if two runs have the same method and seed.
+    """
     records: dict[str, Record] = {}
     for run in runs:
         record = Record.from_run(run)
         folder = f"{_folder_name(record.method)}/seed{record.about['config']['seed']}"
         if folder in records:
-            raise Mistake(f"{run} is a second run of {folder}: one run per method and seed goes on a page; give one")
+            raise Mistake(f"{run} is a second run of {folder}, and a page takes one per method and seed: leave one out")
         records[folder] = record
     return records
 
