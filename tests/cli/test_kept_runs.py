@@ -1,4 +1,4 @@
-"""What is kept of a run tells what it was, whatever the config says since; a damaged one is told in one line."""
+"""A run's folder says what it was, whatever the config says since; a damaged file is told in one line."""
 
 import pytest
 import yaml
@@ -11,7 +11,7 @@ from support.tiny_runs import tiny
 
 
 def evaluate(run, folder, *flags):
-    """Test the latest run of PointDir; its settings, as kept."""
+    """Test the latest run of PointDir; return its settings, as kept."""
     printed, mistake = run("evaluate", "--env", "PointDir-v0", "--episodes", 1, "--out", folder, *flags)
     assert mistake == "", printed
     return AdaptationResult.load(folder / "adaptation.json").config

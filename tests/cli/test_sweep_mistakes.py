@@ -47,9 +47,9 @@ def test_a_study_that_init_did_not_make_is_one_line(command):
 )
 def test_a_storage_that_cannot_be_opened_is_one_line(storage, folder):
     (folder / "at").touch()
-    with pytest.raises(SystemExit, match=f"--storage {re.escape(storage)} cannot be opened: ") as one:
+    with pytest.raises(SystemExit, match=f"--storage {re.escape(storage)} cannot be opened: ") as end:
         main(["sweep", "run", "--storage", storage, "--study-name", "s"])
-    assert len(str(one.value).splitlines()) == 1
+    assert len(str(end.value).splitlines()) == 1
 
 
 def test_the_folder_of_what_is_saved_is_made(folder):
@@ -90,7 +90,7 @@ def test_hyperparameters_that_cannot_be_are_one_line(params, line, folder):
         (["sweep", "run", *CHOSEN], "--n-trials"),
         (["sweep", "run", *CHOSEN], "--max-total-trials"),
     ],
-    ids=lambda one: one if isinstance(one, str) else one[1],
+    ids=lambda value: value if isinstance(value, str) else value[1],
 )
 def test_numbers_below_one_are_refused(command, flag, number, capsys, folder):
     with pytest.raises(SystemExit):
