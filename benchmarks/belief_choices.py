@@ -1,13 +1,12 @@
-"""Which process, objective and conditioning give the better belief: the encoder alone, on data of a fixed behaviour.
+"""Compare processes, objectives and conditionings by their belief: the encoder alone, on data of random actions.
 
     python benchmarks/belief_choices.py --out docs/results
 
-Trains BRUNO on transitions of random actions under the training tasks of CheetahVel-v0, every choice with every other
-and with the same data and the same number of updates, and tests it on the test tasks: the bound in nats per
-transition, each given those before it (which is the same quantity whatever the objective was), over all steps and over
-those with ten or more before them, and how much of the variance of the task a linear read-out of the posterior mean
-explains after 1, 10 and 40 transitions. Prints a row per choice, median and range over the seeds, and saves every
-number as JSON.
+Trains BRUNO on transitions of random actions under the training tasks of CheetahVel-v0, in every combination, each with
+the same data and number of updates. Tests it on the test tasks: the bound in nats per transition given those before it,
+over all steps and over those with ten or more before them (the same quantity whatever the objective); and how much of
+the task's variance a linear read-out of the posterior mean explains after 1, 10 and 40 transitions. Prints a row per
+combination, median and range over the seeds, and saves every number as JSON.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from typing import Any, get_args
 
 import numpy as np
 import torch as th
-from encoder_alone import random_transitions, updates
+from encoder_alone import random_transitions, read_out, updates
 
 from sb3_bruno import BrunoEncoder, TaskReplayBuffer
 from sb3_bruno.encoders.bruno import PROCESSES, Objective
@@ -32,7 +31,7 @@ N_SEQUENCES = 400
 
 
 def train(choice: dict[str, Any], buffer: TaskReplayBuffer, n_updates: int, learning_rate: float) -> BrunoEncoder:
-    """An encoder of the cheetah configs, but for ``choice``."""
+    """Train an encoder as the cheetah configs have it, with ``choice`` changed."""
     encoder = BrunoEncoder(17, 6, flow_class="reflected_maf", extra_dims=1, **choice)
     for _ in updates(encoder, buffer, n_updates, 8, learning_rate):
         pass
@@ -41,7 +40,10 @@ def train(choice: dict[str, Any], buffer: TaskReplayBuffer, n_updates: int, lear
 
 @th.no_grad()
 def test(encoder: BrunoEncoder, buffer: TaskReplayBuffer) -> dict[str, float]:
-    """The bound per transition, and the share of the task's variance explained: half fits the read-out, half tests."""
+    """Measure the bound per transition and the share of the task's variance explained.
+
+    Half of the sequences fit the read-out, the other half test it.
+    """
     slots, tasks = buffer.exchangeable_slots(N_SEQUENCES)
     transitions = buffer.transitions(slots)
     nats = encoder.one_step_bounds(transitions).mean(dim=0)
@@ -49,10 +51,9 @@ def test(encoder: BrunoEncoder, buffer: TaskReplayBuffer) -> dict[str, float]:
     prefixes = encoder.prefixes(transitions)
     half = N_SEQUENCES // 2
     for n in CONTEXTS:
-        mean = encoder.posterior(tuple(one[:, n] for one in prefixes)).mean.numpy()
-        inputs = np.c_[mean, np.ones(N_SEQUENCES)]
-        weights, *_ = np.linalg.lstsq(inputs[:half], tasks[:half])
-        found[f"explained after {n}"] = float(1 - (inputs[half:] @ weights - tasks[half:]).var() / tasks[half:].var())
+        means = encoder.posterior(tuple(part[:, n] for part in prefixes)).mean.numpy()
+        errors = read_out(means, tasks, half) - tasks[half:]
+        found[f"explained after {n}"] = float(1 - errors.var() / tasks[half:].var())
     return found
 
 
@@ -87,7 +88,7 @@ def main() -> None:
             th.manual_seed(seed)
             tested.append(test(train(choice, seen, options.updates, options.learning_rate), unseen))
             runs.append({**choice, "seed": seed, **tested[-1]})
-        values = ([one[column] for one in tested] for column in columns)
+        values = ([result[column] for result in tested] for column in columns)
         cells = [f"{np.median(column):.3f} ({min(column):.3f} to {max(column):.3f})" for column in values]
         lines.append(
             f"| {'(s, a, s_next)' if on_next else '(s, a)'} | {process} | {objective} | " + " | ".join(cells) + " |"

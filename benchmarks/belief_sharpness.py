@@ -1,11 +1,11 @@
-"""How soon a belief tells the cheetah's direction, after how many encoder updates: the encoder alone, no agent.
+"""Show how soon a belief tells the cheetah's direction, as encoder updates go on: the encoder alone, no agent.
 
     python benchmarks/belief_sharpness.py --flow reflected_maf --extra-dims 1 --condition-on-next --seed 0
 
-Trains BRUNO on transitions of random actions on CheetahDir-v0 and prints, as it goes, the bound in nats per
-transition and the share of 800 sequences whose direction a linear read-out of the posterior mean gets right after 1, 3,
-10 and 40 transitions: first of the transitions it was trained on, then of as many others. Where the two differ, it has
-learned the transitions by heart. The read-out is fitted on 800 other sequences of the same transitions.
+Trains BRUNO on transitions of random actions on CheetahDir-v0. Prints, as it goes, the bound in nats per transition and
+the share of 800 sequences whose direction a linear read-out of the posterior mean gets right after 1, 3, 10 and 40
+transitions: first for the transitions it was trained on, then for as many others. If the two differ, it has learned the
+transitions by heart. The read-out is fitted on 800 other sequences of the same transitions.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import argparse
 
 import numpy as np
 import torch as th
-from encoder_alone import random_transitions, updates
+from encoder_alone import random_transitions, read_out, updates
 
 from sb3_bruno import BrunoEncoder, TaskReplayBuffer
 from sb3_bruno.maths.flow import FLOWS
@@ -23,17 +23,16 @@ CONTEXTS = (1, 3, 10, 40)
 
 
 def accuracy(encoder: BrunoEncoder, buffer: TaskReplayBuffer) -> list[float]:
-    """The share right after each of ``CONTEXTS`` transitions."""
+    """Measure the share of directions that are right after each of ``CONTEXTS`` transitions."""
     slots, tasks = buffer.exchangeable_slots(1_600)
     direction = tasks[:, 1] > tasks[:, 0]
     with th.no_grad():
         prefixes = encoder.eval().prefixes(buffer.transitions(slots[:, : CONTEXTS[-1]]))
     shares = []
     for n in CONTEXTS:
-        mean = encoder.posterior(tuple(one[:, n] for one in prefixes)).mean.detach().numpy()
-        inputs = np.c_[mean, np.ones(len(mean))]
-        weights, *_ = np.linalg.lstsq(inputs[:800], np.where(direction, 1.0, -1.0)[:800])
-        shares.append(float(((inputs[800:] @ weights > 0) == direction[800:]).mean()))
+        means = encoder.posterior(tuple(part[:, n] for part in prefixes)).mean.detach().numpy()
+        predictions = read_out(means, np.where(direction, 1.0, -1.0), 800)
+        shares.append(float(((predictions > 0) == direction[800:]).mean()))
     return shares
 
 
@@ -69,7 +68,9 @@ def main() -> None:
     for update, bound in enumerate(updates(encoder, buffer, options.updates, 16, options.learning_rate), start=1):
         bounds.append(bound)
         if update % options.every == 0:
-            trained, other = (" ".join(f"{one:.2f}" for one in accuracy(encoder, data)) for data in (buffer, others))
+            trained, other = (
+                " ".join(f"{share:.2f}" for share in accuracy(encoder, data)) for data in (buffer, others)
+            )
             print(f"{update:>8} {np.mean(bounds[-100:]):>6.2f}  {trained} | {other}", flush=True)
 
 

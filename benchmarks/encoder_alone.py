@@ -1,18 +1,20 @@
-"""An encoder without an agent, for the benchmarks of beliefs: data of a fixed behaviour, and updates."""
+"""Train and read out an encoder without an agent, on data of random actions, for the benchmarks of beliefs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import torch as th
+from numpy.typing import NDArray
 from stable_baselines3.common.env_util import make_vec_env
 
 from sb3_bruno import BrunoEncoder, BrunoSAC, TaskReplayBuffer
 
 
 def random_transitions(env_id: str, n: int, seed: int, sequence_length: int, **env_kwargs: Any) -> TaskReplayBuffer:
-    """So many transitions of random actions, ten envs."""
+    """Collect ``n`` transitions of random actions in ten environments."""
     env = make_vec_env(f"sb3_bruno_envs:{env_id}", 10, seed=seed, env_kwargs=env_kwargs)
     kwargs = {"sequence_length": sequence_length}
     model = BrunoSAC("MlpPolicy", env, seed=seed, learning_starts=n + 1, buffer_size=n, replay_buffer_kwargs=kwargs)
@@ -22,7 +24,7 @@ def random_transitions(env_id: str, n: int, seed: int, sequence_length: int, **e
 def updates(
     encoder: BrunoEncoder, buffer: TaskReplayBuffer, n_updates: int, n_sequences: int, learning_rate: float
 ) -> Iterator[float]:
-    """Train, and give the bound at every update, in nats per transition."""
+    """Train the encoder, and yield the bound at every update, in nats per transition."""
     optimizer = th.optim.Adam(encoder.parameters(), lr=learning_rate)
     for _ in range(n_updates):
         bound = encoder.train().bound(buffer.sample_sequences(n_sequences))
@@ -30,3 +32,20 @@ def updates(
         (-bound).backward()
         optimizer.step()
         yield bound.item()
+
+
+def read_out(means: NDArray[np.float32], targets: NDArray[Any], n_fit: int) -> NDArray[np.float64]:
+    """Predict targets by a linear function of posterior means, fitted on the first ``n_fit`` sequences.
+
+    Args:
+        means: ``(n, latent_dim)``.
+        targets: what to predict, ``(n,)`` or ``(n, dim)``.
+        n_fit: how many sequences to fit the function on.
+
+    Returns:
+        The predictions for the other sequences, ``(n - n_fit,)`` or ``(n - n_fit, dim)``.
+    """
+    inputs = np.c_[means, np.ones(len(means))]
+    weights, *_ = np.linalg.lstsq(inputs[:n_fit], targets[:n_fit])
+    predictions: NDArray[np.float64] = inputs[n_fit:] @ weights
+    return predictions

@@ -1,11 +1,11 @@
-"""How fast everything is, on one thread, each beside what it should be compared with in the same run.
+"""Measure how fast everything is on one thread, each beside what it should be compared with, in the same run.
 
     python benchmarks/speed.py --out docs/performance
 
-Every comparison runs its contestants in turn, many rounds of a fixed amount of work each, and takes the ratio within a
-round, so that a machine that is slow for a while is slow for both. Seconds are the processor's for this process: what a
-neighbour takes away does not count. Printed are the median over the rounds and, in brackets, the quartiles; all rounds
-are in ``speed.json``. Leave the machine alone meanwhile.
+Every comparison runs its contestants in turn, for many rounds of a fixed amount of work, and takes the ratio within a
+round: a machine that is slow for a while is slow for both. Time is the processor time of this process, so what other
+processes use does not count. Prints the median over the rounds and the quartiles in brackets; ``speed.json`` has all
+rounds. Leave the machine alone meanwhile.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Seconds = dict[str, list[float]]
 
 
 class Row(NamedTuple):
-    """One line of the table: how often ``what`` is done, and its seconds as a multiple of those of ``beside``."""
+    """A line of the table: how often ``what`` is done, and its seconds as a multiple of those of ``beside``."""
 
     what: str
     per_second: float
@@ -55,7 +55,7 @@ class Row(NamedTuple):
 
 
 def race(contestants: dict[str, Callable[[], Any]], rounds: int, calls: int) -> Seconds:
-    """Seconds per call of each contestant, one entry per round of so many calls."""
+    """Time the contestants: seconds per call of each, an entry per round of ``calls`` calls."""
     for call in contestants.values():
         call()
     seconds: Seconds = {name: [] for name in contestants}
@@ -69,26 +69,26 @@ def race(contestants: dict[str, Callable[[], Any]], rounds: int, calls: int) -> 
 
 
 def row(what: str, seconds: Seconds, name: str, beside: str, target: str = "", units: int = 1) -> Row:
-    """``name`` beside ``beside``, the ratio taken round by round; ``units`` of work per call."""
+    """Compare ``name`` with ``beside``, the ratio taken round by round; a call does ``units`` of work."""
     ratio = np.divide(seconds[name], seconds[beside])
     low, middle, high = np.quantile(ratio, (0.25, 0.5, 0.75)).tolist()
     return Row(what, units / float(np.median(seconds[name])), beside, middle, low, high, target)
 
 
 def trained(n_envs: int = 10, **kwargs: Any) -> BrunoSAC:
-    """BrunoSAC with 4,000 random transitions to learn from."""
+    """Make a BrunoSAC with 4,000 random transitions to learn from."""
     env = make_vec_env(ENV_ID, n_envs, seed=0)
     return BrunoSAC("MlpPolicy", env, seed=0, learning_starts=10**9, **kwargs).learn(4_000)
 
 
 def plain(n_envs: int = 10, **kwargs: Any) -> SAC:
-    """SB3's SAC with as many."""
+    """Make SB3's SAC with as many."""
     env = make_vec_env(ENV_ID, n_envs, seed=0, env_kwargs={"observe": "plain"})
     return SAC("MlpPolicy", env, seed=0, learning_starts=10**9, **kwargs).learn(4_000)
 
 
 def encoder_updates(rounds: int) -> tuple[list[Row], Seconds]:
-    """An encoder update on 10 x 100 transitions, sampling and optimiser included, beside zuko's flow alone."""
+    """Time an encoder update on 10 x 100 transitions, sampling and optimiser included, beside zuko's flow alone."""
     kwargs: dict[str, Any] = {"encoder_batch_size": 10, "replay_buffer_kwargs": {"sequence_length": 100}}
     papers = trained(encoder_kwargs={"process": "gaussian", "objective": "paper"}, **kwargs)
     ours = trained(**kwargs)
@@ -108,7 +108,7 @@ def encoder_updates(rounds: int) -> tuple[list[Row], Seconds]:
 
 
 def actor_critic_updates(rounds: int) -> tuple[list[Row], Seconds]:
-    """One gradient step with its beliefs, the encoder at rest, beside SAC's own."""
+    """Time a gradient step with its beliefs but no encoder update, beside SAC's own."""
     rows, everything = [], {}
     for net, net_arch in NETS.items():
         kwargs: dict[str, Any] = {"policy_kwargs": {"net_arch": net_arch}}
@@ -122,12 +122,12 @@ def actor_critic_updates(rounds: int) -> tuple[list[Row], Seconds]:
                     target = "the paper's code: 28 per second"
                 what = f"actor-critic update, {net}, batch {batch}, {steps} per call"
                 rows.append(row(what, seconds, "bruno", "SAC", target, steps))
-                everything |= {f"{what}: {name}": one for name, one in seconds.items()}
+                everything |= {f"{what}: {name}": times for name, times in seconds.items()}
     return rows, everything
 
 
 def whole_training(rounds: int) -> tuple[list[Row], Seconds]:
-    """``train()`` with the encoder's own updates at the default ratio, and CheetahDir's encoder at its own."""
+    """Time ``train()`` with encoder updates: the defaults, and CheetahDir's encoder with its own ratio."""
     sac = plain()
     models = {"defaults": trained(), "CheetahDir": trained(**CHEETAH)}
     rows, everything = [], {}
@@ -136,19 +136,19 @@ def whole_training(rounds: int) -> tuple[list[Row], Seconds]:
         seconds = race({"bruno": partial(bruno.train, 10, 256), "SAC": partial(sac.train, 10, 256)}, rounds, 1)
         what = f"train(10), encoder included, {name}"
         rows.append(row(what, seconds, "bruno", "SAC", "<= 2.0", 10))
-        everything |= {f"{what}: {who}": one for who, one in seconds.items()}
+        everything |= {f"{what}: {who}": times for who, times in seconds.items()}
     return rows, everything
 
 
 def many_steps(physics: gym.Env[Any, Any], steps: int) -> None:
-    """Steps of one env with no wrapper around it."""
+    """Step an environment that has no wrappers."""
     action = np.zeros(ACTION_DIM)
     for _ in range(steps):
         physics.step(action)
 
 
 def rollouts(rounds: int) -> tuple[list[Row], Seconds]:
-    """Env steps with policy and belief, as in mid-training, beside SAC's rollout and MuJoCo alone."""
+    """Time environment steps with policy and belief, beside SAC's rollout and MuJoCo alone."""
     physics = gym.make(ENV_ID).unwrapped
     physics.reset(seed=0)
     rows, everything = [], {}
@@ -171,7 +171,7 @@ def rollouts(rounds: int) -> tuple[list[Row], Seconds]:
         target = "<= 1.82 (0.55 x SAC's speed); the paper's code: 1,440 per second" if n_envs == 10 else ""
         rows.append(row(what, seconds, "bruno", "SAC", target, steps))
         rows.append(row(what, seconds, "bruno", "physics", "", steps))
-        everything |= {f"{what}: {who}": one for who, one in seconds.items()}
+        everything |= {f"{what}: {who}": times for who, times in seconds.items()}
     return rows, everything
 
 
@@ -192,19 +192,19 @@ def filled(n_tasks: int, n_transitions: int = 200_000, n_envs: int = 100) -> Tas
 
 
 def sampling(rounds: int) -> tuple[list[Row], Seconds]:
-    """Samples of 256 with their beliefs, whatever the number of tasks."""
+    """Time samples of 256 with their beliefs, for few and many tasks."""
     buffers = {f"{n:,} tasks": filled(n) for n in (2, 1_000, 100_000)}
 
     def sample(buffer: TaskReplayBuffer) -> None:
         buffer.forget_beliefs()
         buffer.sample(256)
 
-    seconds = race({name: partial(sample, one) for name, one in buffers.items()}, rounds, 10)
+    seconds = race({name: partial(sample, buffer) for name, buffer in buffers.items()}, rounds, 10)
     return [row(f"sample of 256, {name}", seconds, name, "2 tasks", "flat") for name in buffers], seconds
 
 
 def growth(rounds: int) -> tuple[list[Row], Seconds]:
-    """The beliefs after every prefix of a history, by its length; an encoder update, by the latent dimensions."""
+    """Time all beliefs of a history by its length, and an encoder update by the latent dimensions."""
     encoder = BrunoEncoder(OBSERVATION_DIM, ACTION_DIM).eval()
 
     def prefixes(z: th.Tensor) -> None:
@@ -220,7 +220,7 @@ def growth(rounds: int) -> tuple[list[Row], Seconds]:
 
 
 def memory() -> Row:
-    """Bytes of a full buffer of 200,000 cheetah transitions beside those of the transitions themselves."""
+    """Count the bytes of a full buffer of 200,000 cheetah transitions beside those of the transitions themselves."""
     tracemalloc.start()
     buffer = filled(100)
     used, _ = tracemalloc.get_traced_memory()
@@ -233,17 +233,17 @@ def memory() -> Row:
         buffer.dones,
         buffer.timeouts,
     )
-    ratio = used / sum(one.nbytes for one in ring)
+    ratio = used / sum(array.nbytes for array in ring)
     return Row("bytes of 200,000 transitions", 0, "their own", ratio, ratio, ratio, "<= 1.2")
 
 
 def table(rows: list[Row]) -> str:
-    """The rows as markdown."""
+    """Write the rows as a markdown table."""
     lines = ["| work | per second | beside | time, as a multiple (quartiles) | target |", "|---|---|---|---|---|"]
-    for one in rows:
-        speed = f"{one.per_second:,.0f}" if one.per_second else ""
-        ratio = f"{one.ratio:.2f} ({one.low:.2f} to {one.high:.2f})"
-        lines.append(f"| {one.what} | {speed} | {one.beside} | {ratio} | {one.target} |")
+    for entry in rows:
+        speed = f"{entry.per_second:,.0f}" if entry.per_second else ""
+        ratio = f"{entry.ratio:.2f} ({entry.low:.2f} to {entry.high:.2f})"
+        lines.append(f"| {entry.what} | {speed} | {entry.beside} | {ratio} | {entry.target} |")
     return "\n".join(lines) + "\n"
 
 
@@ -251,7 +251,9 @@ def main() -> None:
     """Parse the command line, measure, write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--rounds", type=int, default=20, help="rounds of each comparison (default 20)")
-    parser.add_argument("--only", nargs="+", help="sections to run: " + ", ".join(one.__name__ for one in SECTIONS))
+    parser.add_argument(
+        "--only", nargs="+", help="sections to run: " + ", ".join(section.__name__ for section in SECTIONS)
+    )
     parser.add_argument("--out", type=Path, help="folder for speed.md and speed.json")
     options = parser.parse_args()
     th.set_num_threads(1)
@@ -271,7 +273,7 @@ def main() -> None:
         options.out.mkdir(parents=True, exist_ok=True)
         made_by = f"Made by `{about['command']}`, one thread, {about['versions']}; peak memory {peak:,.0f} MiB.\n\n"
         (options.out / "speed.md").write_text(made_by + table(rows), encoding="utf-8")
-        text = json.dumps({**about, "rows": [one._asdict() for one in rows], "seconds": seconds}, indent=1)
+        text = json.dumps({**about, "rows": [entry._asdict() for entry in rows], "seconds": seconds}, indent=1)
         (options.out / "speed.json").write_text(text + "\n", encoding="utf-8")
 
 

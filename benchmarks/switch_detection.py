@@ -1,4 +1,4 @@
-"""How soon a switch of the task is noticed, how often one is seen where there is none, and what noticing earns.
+"""Measure how soon an agent notices that its task switched, how often it is wrong, and what noticing earns.
 
     python benchmarks/switch_detection.py --env PointDir-v0 --model logs/bruno_sac/PointDir-v0_1/PointDir-v0.zip \\
         --out docs/results
@@ -27,7 +27,7 @@ from sb3_bruno.evaluation import library_versions
 
 
 class Switch(gym.Wrapper[Any, Any, Any, Any]):
-    """Gives the environment the task in ``options["then"]`` at step ``at``, unseen by what is wrapped around it."""
+    """Switch the environment to the task in ``options["then"]`` at step ``at``, unseen by the wrappers around it."""
 
     def __init__(self, env: gym.Env[Any, Any], at: int) -> None:
         super().__init__(env)
@@ -35,18 +35,18 @@ class Switch(gym.Wrapper[Any, Any, Any, Any]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         options = dict(options or {})
-        self.then, self.steps = options.pop("then", None), 0  # an episode that begins by itself stays as it is
+        self.then, self.steps = options.pop("then", None), 0  # an automatic reset gives no options: no switch
         return self.env.reset(seed=seed, options=options)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         if self.steps == self.at and self.then is not None:
-            self.env.unwrapped.set_task(self.then)  # type: ignore[attr-defined]  # as all of ours have
+            self.env.unwrapped.set_task(self.then)  # type: ignore[attr-defined]  # all our environments have it
         self.steps += 1
         return self.env.step(action)
 
 
 def run(model: BrunoSAC, env_id: str, steps: int, n: int, *, switch: bool) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Rewards and the number of transitions absorbed at each step, (n, steps) each."""
+    """Run ``n`` episodes; return rewards and the number of transitions absorbed at each step, ``(n, steps)`` each."""
     venv = DummyVecEnv([lambda: Switch(gym.make(env_id, split="test", max_episode_steps=steps), steps // 2)] * n)
     tasks = venv.get_attr("task_distribution")[0].tasks("test")
     rng = np.random.default_rng(0)
@@ -65,7 +65,7 @@ def run(model: BrunoSAC, env_id: str, steps: int, n: int, *, switch: bool) -> tu
 
 
 def measure(model: BrunoSAC, env_id: str, steps: int, n: int, threshold: float | None) -> dict[str, Any]:
-    """Delay, false alarms and rewards with one threshold; None: never forget."""
+    """Measure delay, false alarms and rewards with a threshold; None never forgets."""
     model.policy.forget_threshold = threshold
     _, absorbed = run(model, env_id, steps, n, switch=False)
     alarms = int((np.diff(absorbed, axis=1) < 1).sum())
@@ -96,10 +96,10 @@ def main() -> None:
     env_id = f"sb3_bruno_envs:{options.env}"
     spec_steps = gym.make(env_id).spec.max_episode_steps  # type: ignore[union-attr]  # made from one
     steps = options.steps or spec_steps
-    rows = [measure(model, env_id, steps, options.episodes, one) for one in (None, *options.thresholds)]
+    rows = [measure(model, env_id, steps, options.episodes, nats) for nats in (None, *options.thresholds)]
     lines = ["| " + " | ".join(rows[0]) + " |", "|---" * len(rows[0]) + "|"]
     for row in rows:
-        cells = ("never" if one is None else f"{one:.3g}" for one in row.values())
+        cells = ("never" if value is None else f"{value:.3g}" for value in row.values())
         lines.append("| " + " | ".join(cells) + " |")
     print("\n".join(lines))
     if options.out:

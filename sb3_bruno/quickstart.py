@@ -1,9 +1,9 @@
-"""The main job in one command: train BrunoSAC on Cheetah-Dir, test it in both directions, save what came out.
+"""Do the main job in one command: train BrunoSAC on Cheetah-Dir, test it in both directions, save the results.
 
     python -m sb3_bruno.quickstart            # 40,000 env steps
     python -m sb3_bruno.quickstart --full     # 100,000, the run of docs/results.md
 
-A run that was interrupted goes on from its checkpoint when the same command is given again.
+Give the same command again to go on with an interrupted run from its checkpoint.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ HYPERPARAMETERS: dict[str, Any] = {
     "encoder_update_ratio": 0.4,
     "encoder_learning_starts": 1_000,
 }
-"""Those of ``zoo_configs/bruno_sac.yml`` but for a shorter run: twice the updates per step, larger batches."""
+"""Those of ``zoo_configs/bruno_sac.yml``, adapted to a shorter run: twice the updates per step, larger batches."""
 N_ENVS = 10
-N_EVAL_ENVS, N_EVALUATIONS = 10, 20  # episodes per direction while training: as many as envs
+N_EVAL_ENVS, N_EVALUATIONS = 10, 20  # an evaluation runs N_EVAL_ENVS episodes per direction
 SAVE_FREQ = 10_000  # env steps between checkpoints
 
 
@@ -57,19 +57,19 @@ def main(arguments: list[str] | None = None) -> None:
         prog="python -m sb3_bruno.quickstart", description="Train BrunoSAC on Cheetah-Dir and show how it adapts."
     )
     parser.add_argument("--full", action="store_true", help=f"train for {FULL_STEPS:,} env steps")
-    parser.add_argument("--steps", type=int, help=f"train for as many env steps (default {SHORT_STEPS:,})")
-    parser.add_argument("--seed", type=int, default=1, help="seed of everything random (default 1)")
+    parser.add_argument("--steps", type=int, help=f"train for this many env steps (default {SHORT_STEPS:,})")
+    parser.add_argument("--seed", type=int, default=1, help="seed of all random numbers (default 1)")
     parser.add_argument("--out", type=Path, default=Path("runs"), help="folder of the results (default runs/)")
     options = parser.parse_args(arguments)
     steps = options.steps if options.steps is not None else FULL_STEPS if options.full else SHORT_STEPS
     if steps < 1:
-        parser.error(f"--steps must be positive, got {steps}")
+        parser.error(f"--steps must be positive, got {steps}: give 1 or more")
     run(steps, options.seed, options.out / f"cheetah_dir_{steps}_seed{options.seed}")
 
 
 def run(steps: int, seed: int, folder: Path) -> AdaptationResult:
-    """Train (or go on training), test, save; prints where the results are and what they show."""
-    th.set_num_threads(1)  # small networks are fastest so, and two runs side by side do not hurt each other
+    """Train (or go on training), test and save; print where the results are and what they show."""
+    th.set_num_threads(1)  # small networks are fastest on one thread, and two runs do not slow each other down
     folder.mkdir(parents=True, exist_ok=True)
     with flushed_denormals():
         model = train(steps, seed, folder)
@@ -87,13 +87,13 @@ def run(steps: int, seed: int, folder: Path) -> AdaptationResult:
     print(result.summary())
     print(f"Tasks are one-hot: 1_0 is backward, 0_1 is forward. Results in {folder.resolve()}:")
     print("  model.zip           the agent: BrunoSAC.load(...)")
-    print("  adaptation.png      reward per env step in each direction: how fast it works out which way to run")
+    print("  adaptation.png      reward per env step in each direction: how fast it finds out which way to run")
     print("  learning_curve.png  test return while training; adaptation.json: the numbers")
     return result
 
 
 def train(steps: int, seed: int, folder: Path) -> OffPolicyAlgorithm:
-    """Train for ``steps`` env steps in all, from the checkpoint in ``folder`` if there is one."""
+    """Train for ``steps`` environment steps in total, from the checkpoint in ``folder`` if there is one."""
     checkpoint = folder / "checkpoint.pkl"
     env = make_vec_env(ENV_ID, N_ENVS, seed=seed)
     test_env = make_vec_env(ENV_ID, N_EVAL_ENVS, seed=1_000 + seed, env_kwargs={"split": "test", "draw": "cycle"})

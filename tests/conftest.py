@@ -4,7 +4,7 @@ import pytest
 import torch as th
 from hypothesis import settings
 
-# Small networks are fastest on one thread, and pytest-xdist has the other cores.
+# Small networks are fastest on one thread, and pytest-xdist uses the other cores.
 th.set_num_threads(1)
 
 # The same examples on every run, however slow the machine.
@@ -14,7 +14,7 @@ settings.load_profile("sb3_bruno")
 
 @pytest.fixture
 def run(tmp_path, monkeypatch, capsys):
-    """Runs the console script in an empty folder; what it prints, and the line on which it gives up."""
+    """Run the console script in an empty folder; return what it prints and the line with which it gives up."""
 
     from sb3_bruno.cli.main import main  # which takes seconds to import
 

@@ -9,11 +9,11 @@ from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 
 AGENTS = Path(__file__).parents[1] / "agents"
 LEAST = {"bruno_sac/CheetahDir-v0_1": 1_000, "bruno_sac/CheetahVel-v0_1": -70}
-"""Of each agent the least mean return on each of its tasks, over the env's own horizon."""
+"""The least mean return that each agent must reach on each of its tasks, over the env's own horizon."""
 
 
 def test_every_agent_is_tested():
-    assert {str(one.parent.relative_to(AGENTS)) for one in AGENTS.glob("*/*/*.zip")} == set(LEAST)
+    assert {str(path.parent.relative_to(AGENTS)) for path in AGENTS.glob("*/*/*.zip")} == set(LEAST)
 
 
 @pytest.mark.mujoco

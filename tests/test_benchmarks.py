@@ -17,7 +17,7 @@ def test_speed_writes_a_table_and_its_rounds(tmp_path):
     run("speed.py", "--rounds", "2", "--only", "encoder_updates", "--out", str(tmp_path))
     measured = json.loads((tmp_path / "speed.json").read_text())
     encoder = [f"encoder update, 10 x 100, {which}" for which in ("the paper's", "the default")]
-    assert [one["what"] for one in measured["rows"]] == [*encoder, "bytes of 200,000 transitions"]
+    assert [row["what"] for row in measured["rows"]] == [*encoder, "bytes of 200,000 transitions"]
     assert {len(rounds) for rounds in measured["seconds"]["encoder_updates"].values()} == {2}
     assert "| encoder update, 10 x 100, the default |" in (tmp_path / "speed.md").read_text()
 

@@ -4,7 +4,7 @@ import sys
 
 
 def main() -> None:
-    """The console script; it says in one line which extra is missing."""
+    """Run a command, or say in one line which extra has to be installed."""
     try:
         from sb3_bruno.cli.main import main as run
     except ModuleNotFoundError as error:

@@ -1,14 +1,17 @@
-"""``sb3-bruno evaluate``, ``diagnose`` and ``plot``: how a trained agent adapts, as numbers and as figures."""
+"""``sb3-bruno evaluate``, ``diagnose`` and ``plot``: show how a trained agent adapts, as numbers and figures."""
 
 from __future__ import annotations
 
+import argparse
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+import torch as th
 from stable_baselines3.common.utils import set_random_seed
 
 from sb3_bruno.algorithms.task_inference import TaskInference
+from sb3_bruno.cli.mistake import Mistake, told_as_mistake
 from sb3_bruno.cli.parser import add_arguments, command_parser
 from sb3_bruno.diagnostics.diagnose import diagnose as measure
 from sb3_bruno.diagnostics.figure import plot_diagnostics
@@ -17,29 +20,28 @@ from sb3_bruno.evaluation.eval_callback import load_learning_curve
 from sb3_bruno.evaluation.task_names import FEW_TASKS
 from sb3_bruno.plotting.curves import plot_adaptation, plot_learning_curves
 from sb3_bruno.plotting.video import film_tasks
-from sb3_bruno.zoo.mistake import Mistake
-from sb3_bruno.zoo.trained import load_trained
+from sb3_bruno.zoo.trained import TrainedAgent, load_trained
 
 
 def evaluate(arguments: list[str]) -> None:
-    """Test a trained agent on every test task and print, save and plot how it adapts.
+    """Test a trained agent on every test task; print, save and plot how it adapts.
 
     example: sb3-bruno evaluate --algo bruno_sac --env CheetahDir-v0 -f logs --steps 1000
     """
     parser = command_parser("evaluate", evaluate)
     add_arguments(parser)
-    parser.add_argument("--stochastic", action="store_true", help="draw actions, as an agent must that has to search")
-    parser.add_argument("--video", action="store_true", help="also record up to four tasks, belief drawn under each")
+    parser.add_argument("--stochastic", action="store_true", help="draw actions, for an agent that has to search")
+    parser.add_argument("--video", action="store_true", help="also record up to four tasks, with the belief below")
     parser.add_argument("--out", type=Path, help="where adaptation.json and .png go (default: the run's folder)")
     options = parser.parse_args(arguments)
-    agent = load_trained(options)
+    agent = _load_agent(options)
     if options.video and not isinstance(agent.model, TaskInference):
         raise Mistake(f"--video draws the belief, and {options.algo} has none: use record-video")
-    set_random_seed(options.seed)  # of the actions drawn
+    set_random_seed(options.seed)  # for actions that are drawn
     result = evaluate_adaptation(
         agent.model,
         agent.make_env,
-        agent.tasks,
+        agent.test.tasks,
         n_episodes=options.episodes,
         deterministic=not options.stochastic,
         seed=options.seed,
@@ -51,13 +53,15 @@ def evaluate(arguments: list[str]) -> None:
     result.save(out / "adaptation.json")
     plot_adaptation({options.algo: result}, out / "adaptation.png")
     print(result.summary())
-    if agent.n_inner > 1:
-        means = result.returns_per_episode(agent.n_inner).mean(axis=(0, 1))
+    if agent.test.n_inner > 1:
+        means = result.returns_per_episode(agent.test.n_inner).mean(axis=(0, 1))
         print(f"mean return of each episode of a trial: {', '.join(f'{mean:.2f}' for mean in means)}")
     print(f"Saved {out / 'adaptation.json'} and {out / 'adaptation.png'}")
     if options.video:
         assert isinstance(agent.model, TaskInference)  # checked before the test
-        chosen = agent.tasks[np.linspace(0, len(agent.tasks) - 1, min(len(agent.tasks), FEW_TASKS)).astype(int)]
+        chosen = agent.test.tasks[
+            np.linspace(0, len(agent.test.tasks) - 1, min(len(agent.test.tasks), FEW_TASKS)).astype(int)
+        ]
         shown = partial(agent.make_env, render_mode="rgb_array")
         video = out / "adaptation.mp4"
         film_tasks(agent.model, shown, chosen, video, seed=options.seed, vec_normalize=agent.vec_normalize)
@@ -65,9 +69,9 @@ def evaluate(arguments: list[str]) -> None:
 
 
 def diagnose(arguments: list[str]) -> None:
-    """Tell how far a trained agent's belief can be trusted: calibration, bound, predictions, alarm on strange tasks.
+    """Measure how far a trained agent's belief can be trusted: calibration, bound, predictions, alarm.
 
-    Tasks beyond the training tasks' range, if the environment has any, should raise the alarm.
+    Tasks outside the range of the training tasks, if the environment has any, should raise the alarm.
 
     example: sb3-bruno diagnose --algo bruno_sac --env CartpoleSwingUp-v0 -f logs
     """
@@ -75,17 +79,17 @@ def diagnose(arguments: list[str]) -> None:
     add_arguments(parser)
     parser.add_argument("--out", type=Path, help="where diagnostics.npz and .png go (default: the run's folder)")
     options = parser.parse_args(arguments)
-    agent = load_trained(options)
+    agent = _load_agent(options)
     if not isinstance(agent.model, TaskInference):
         raise Mistake(f"{options.algo} has no belief to diagnose")
     found = measure(
         agent.model,
         agent.make_env,
-        agent.tasks[agent.inside],
+        agent.test.tasks[agent.test.inside],
         n_episodes=options.episodes,
         seed=options.seed,
         vec_normalize=agent.vec_normalize,
-        outside_tasks=None if agent.inside.all() else agent.tasks[~agent.inside],
+        outside_tasks=None if agent.test.inside.all() else agent.test.tasks[~agent.test.inside],
     )
     out = options.out or agent.folder
     out.mkdir(parents=True, exist_ok=True)
@@ -95,8 +99,27 @@ def diagnose(arguments: list[str]) -> None:
     print(f"Saved {out / 'diagnostics.npz'} and {out / 'diagnostics.png'}")
 
 
+def _load_agent(options: argparse.Namespace) -> TrainedAgent:
+    """Load the agent that the flags choose, to run on one torch thread.
+
+    Raises:
+        Mistake: if it cannot be loaded or tested.
+    """
+    th.set_num_threads(1)
+    with told_as_mistake():
+        return load_trained(
+            options.algo,
+            options.env,
+            options.folder,
+            exp_id=options.exp_id,
+            load_best=options.load_best,
+            split=options.split,
+            steps=options.steps,
+        )
+
+
 def plot(arguments: list[str]) -> None:
-    """Plot the test return of each task while training, over all runs of an algorithm on an environment.
+    """Plot the test return of each task against training steps, over all runs of an algorithm on an environment.
 
     example: sb3-bruno plot -a bruno_sac -e CheetahDir-v0 -f logs --out curves.png
     """
@@ -109,17 +132,13 @@ def plot(arguments: list[str]) -> None:
     curves = {}
     for algo in options.algo:
         runs = sorted((options.exp_folder / algo).glob(f"{options.env}_*"))
-        try:
+        with told_as_mistake():
             curves[algo] = [load_learning_curve(run) for run in runs if (run / "evaluation_tasks.npz").is_file()]
-        except ValueError as error:
-            raise Mistake(str(error)) from error
         if not curves[algo]:
             raise Mistake(f"{options.exp_folder / algo} has no evaluated run of {options.env}: train with --eval-freq")
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    try:
+    with told_as_mistake():
         plot_learning_curves(curves, options.out)
-    except ValueError as error:
-        raise Mistake(str(error)) from error
     for algo, of_algo in curves.items():
         last = [float(np.mean(curve.returns[-1])) for curve in of_algo]
         print(f"{algo}: {len(last)} runs, last evaluation {np.mean(last):.1f} on average")

@@ -1,14 +1,17 @@
-"""The command line, a thin layer over rl_zoo3: its flags, its folders, our algorithms, environments and configs."""
+"""The command line: rl_zoo3's flags and folders with our algorithms, environments, configs and commands."""
 
 from __future__ import annotations
 
 import argparse
-import importlib
 import importlib.util
 import runpy
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import rl_zoo3.enjoy
@@ -17,14 +20,14 @@ import rl_zoo3.utils
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.cli.evaluate import diagnose, evaluate, plot
-from sb3_bruno.cli.parser import command_parser
+from sb3_bruno.cli.mistake import Mistake, told_as_mistake
+from sb3_bruno.cli.parser import add_gym_packages, command_parser
 from sb3_bruno.cli.report import report
 from sb3_bruno.cli.sweep import sweep
 from sb3_bruno.runs.denormals import flushed_denormals
 from sb3_bruno.runs.origin import ORIGIN, load_command
-from sb3_bruno.zoo.experiment import CHECKPOINT, TaskExperiment
-from sb3_bruno.zoo.mistake import Mistake, mistake_of
-from sb3_bruno.zoo.registry import register
+from sb3_bruno.zoo.experiment import CHECKPOINT, RunOptions, TaskExperiment
+from sb3_bruno.zoo.registry import import_packages, register
 
 DEFAULTS = {"--algo": "bruno_sac", "--env": "CheetahDir-v0"}
 Arguments = list[str]
@@ -45,7 +48,7 @@ def main(arguments: Arguments | None = None) -> None:
 
 
 def train(arguments: Arguments) -> None:
-    """Train an agent as rl_zoo3 does, or go on with a run exactly where its last checkpoint was taken.
+    """Train an agent as rl_zoo3 does, or go on with a run exactly from its last checkpoint.
 
     One torch thread unless --num-threads says otherwise. -conf takes a file, or a folder of ours such as oracle.
 
@@ -54,22 +57,25 @@ def train(arguments: Arguments) -> None:
     """
     parser = _own_parser("train", train)
     parser.add_argument("--resume", type=Path, metavar="DIR", help="go on with the run in DIR; other flags are its own")
+    freq = RunOptions().checkpoint_freq
     parser.add_argument(
-        "--checkpoint-freq", type=int, default=25_000, metavar="N", help="env steps between checkpoints, 0: none"
+        "--checkpoint-freq", type=int, default=freq, metavar="N", help="env steps between checkpoints, 0: none"
     )
     own, rest = _parse(parser, arguments, rl_zoo3.train.train)
-    TaskExperiment.folder = own.resume
-    if own.resume is not None:
+    resume_from = own.resume
+    if resume_from is not None:
         if rest:
             raise Mistake(f"--resume goes on with the run's own flags: leave out {' '.join(rest)}")
-        own, rest = parser.parse_known_args(_command_of(own.resume))
+        own, rest = parser.parse_known_args(_command_of(resume_from))
     for needed in ("wandb", "tensorboard") if "--track" in rest else ():
         if importlib.util.find_spec(needed) is None:
             raise Mistake(f"--track needs {needed}, which is not installed: pip install 'sb3_bruno[wandb]'")
-    TaskExperiment.checkpoint_freq = own.checkpoint_freq
-    vars(rl_zoo3.train)["ExperimentManager"] = TaskExperiment  # what train() makes
-    with flushed_denormals():
-        _call(rl_zoo3.train.train, "train", _with_defaults(rest, {**DEFAULTS, "--num-threads": "1"}))
+    command = _with_defaults(rest, {**DEFAULTS, "--num-threads": "1"})
+    has_started = threading.Event()  # until it is set, an error is a mistake in the command
+    options = RunOptions(own.checkpoint_freq, resume_from, command, has_started.set)
+    experiment = partial(TaskExperiment, options=options)
+    with flushed_denormals(), _replaced(rl_zoo3.train, "ExperimentManager", experiment):
+        _call(rl_zoo3.train.train, "train", command, has_started.is_set)
 
 
 def enjoy(arguments: Arguments) -> None:
@@ -87,10 +93,10 @@ def record_video(arguments: Arguments) -> None:
     example: sb3-bruno record-video --algo bruno_sac --env CheetahDir-v0 -f logs -n 400
     """
     parser = _own_parser("record-video", record_video)
-    parser.add_argument("--gym-packages", nargs="+", default=[], help="packages to import, which register environments")
+    add_gym_packages(parser)
     own, rest = _parse(parser, arguments, _rl_zoo3_record_video)
-    for package in own.gym_packages:
-        importlib.import_module(package)
+    with told_as_mistake():
+        import_packages(own.gym_packages)
     _call(_rl_zoo3_record_video, "record-video", _with_defaults(rest, {**DEFAULTS, "-f": "logs"}))
 
 
@@ -110,57 +116,69 @@ USAGE = "usage: sb3-bruno COMMAND ...\n\ncommands (each with its own --help):\n"
 
 
 def _rl_zoo3_record_video() -> None:
-    """rl_zoo3's script, which makes its environment without the ``env_kwargs`` of the run's config: they are put in."""
+    """Run rl_zoo3's script. It ignores the ``env_kwargs`` of the run's config: put them in."""
     make = rl_zoo3.utils.create_test_env
 
     def make_as_trained(env_id: str, hyperparams: dict[str, Any], env_kwargs: dict[str, Any], **kwargs: Any) -> VecEnv:
         env_kwargs = {**hyperparams.get("env_kwargs", {}), **env_kwargs}
         return make(env_id, hyperparams=hyperparams, env_kwargs=env_kwargs, **kwargs)
 
-    vars(rl_zoo3.utils)["create_test_env"] = make_as_trained  # what the script imports
-    try:
+    with _replaced(rl_zoo3.utils, "create_test_env", make_as_trained):
         runpy.run_module("rl_zoo3.record_video", run_name="__main__")
+
+
+@contextmanager
+def _replaced(module: ModuleType, name: str, value: Any) -> Iterator[None]:
+    """Put ``value`` in the place of ``module.name`` for the block."""
+    before = getattr(module, name)
+    setattr(module, name, value)
+    try:
+        yield
     finally:
-        vars(rl_zoo3.utils)["create_test_env"] = make
+        setattr(module, name, before)
 
 
 def _own_parser(name: str, command: Callable[[Arguments], None]) -> argparse.ArgumentParser:
-    """Of our flags alone: rl_zoo3's parser has the help."""
+    """Make a parser of our flags alone; ``--help`` is left to ``_parse``."""
     return command_parser(name, command, add_help=False, allow_abbrev=False)
 
 
 def _parse(
     parser: argparse.ArgumentParser, arguments: Arguments, upstream: Callable[[], None]
 ) -> tuple[argparse.Namespace, Arguments]:
-    """Our own flags, and the rest, which is rl_zoo3's. --help shows both."""
+    """Parse our flags and return the rest, which are rl_zoo3's. ``--help`` shows both."""
     own, rest = parser.parse_known_args(arguments)
     if {"-h", "--help"} & set(rest):
         parser.print_help()
-        print(f"\nand the flags of rl_zoo3 (defaults of ours: {DEFAULTS}):\n")
+        print(f"\nand the flags of rl_zoo3 (with our defaults: {DEFAULTS}):\n")
         _call(upstream, parser.prog.split()[-1], ["--help"])
     return own, rest
 
 
 def _with_defaults(arguments: Arguments, defaults: dict[str, str]) -> Arguments:
-    """Ours first: of a flag that is given twice the last one counts."""
+    """Put the defaults first: if a flag is given twice, the last one counts."""
     return [part for flag in defaults.items() for part in flag] + arguments
 
 
-def _call(upstream: Callable[[], None], name: str, arguments: Arguments) -> None:
-    """Call a function that reads ``sys.argv``; what it raises before an agent learns is the user's to mend."""
-    sys.argv = [f"sb3-bruno {name}", *arguments]
-    TaskExperiment.has_started = False
-    try:
+def _call(
+    upstream: Callable[[], None], name: str, arguments: Arguments, has_started: Callable[[], bool] = lambda: False
+) -> None:
+    """Call a function of rl_zoo3 that reads ``sys.argv``.
+
+    Raises:
+        Mistake: if it raises before the work has started; later errors stay as they are.
+    """
+    with told_as_mistake(Exception, has_started), _replaced(sys, "argv", [f"sb3-bruno {name}", *arguments]):
         upstream()
-    except Exception as error:
-        if TaskExperiment.has_started or isinstance(error, Mistake):
-            raise
-        raise mistake_of(error) from error
 
 
 def _command_of(folder: Path) -> Arguments:
-    """The command that started the run in ``folder``, its seed and its folder included."""
+    """Read the command that started the run in ``folder``, with its seed and checkpoint frequency.
+
+    Raises:
+        Mistake: if the folder has no checkpoint.
+    """
     missing = [name for name in (CHECKPOINT, ORIGIN) if not (folder / name).is_file()]
     if missing:
-        raise Mistake(f"--resume {folder}: no {missing[0]} there, so there is nothing to go on from")
+        raise Mistake(f"--resume {folder}: no {missing[0]} there, so there is nothing to go on from: train anew")
     return load_command(folder)

@@ -1,4 +1,4 @@
-"""The parser of a command, described by the command's own docstring, and a type of its arguments."""
+"""Parsers: described by their command's docstring, with the flags that several commands share."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from huggingface_sb3 import EnvironmentName
 
 
 def command_parser(name: str, command: Callable[[list[str]], None], **kwargs: Any) -> argparse.ArgumentParser:
-    """A parser for ``sb3-bruno NAME``.
+    """Make a parser for ``sb3-bruno NAME``.
 
-    :param name: the command's name
-    :param command: its docstring is the description, lines and all
-    :param kwargs: further arguments of ``argparse.ArgumentParser``
+    Args:
+        name: the command's name.
+        command: its docstring becomes the description, with its line breaks.
+        kwargs: further arguments of ``argparse.ArgumentParser``.
     """
     about = "\n".join(line.strip() for line in (command.__doc__ or "").splitlines())
     formatter = argparse.RawDescriptionHelpFormatter
@@ -23,9 +24,10 @@ def command_parser(name: str, command: Callable[[list[str]], None], **kwargs: An
 
 
 def at_least_one(text: str) -> int:
-    """The type of arguments that count something.
+    """Convert an argument that counts something.
 
-    :raises argparse.ArgumentTypeError: if it is not a whole number of 1 or more
+    Raises:
+        argparse.ArgumentTypeError: if it is not a whole number of 1 or more.
     """
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of 1 or more")
@@ -33,7 +35,7 @@ def at_least_one(text: str) -> int:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The flags that choose an agent and its test."""
+    """Add the flags that choose an agent and its test."""
     parser.add_argument("--algo", default="bruno_sac", choices=sorted(rl_zoo3.ALGOS), help="(default: bruno_sac)")
     parser.add_argument("--env", type=EnvironmentName, default="CheetahDir-v0", help="(default: CheetahDir-v0)")
     parser.add_argument("-f", "--folder", default="logs", help="log folder (default: logs)")
@@ -43,3 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--steps", type=at_least_one, help="of each episode (default: the environment's own)")
     parser.add_argument("--split", choices=["train", "test"], default="test", help="which tasks (default: test)")
     parser.add_argument("--seed", type=int, default=0, help="of the environments (default: 0)")
+
+
+def add_gym_packages(parser: argparse.ArgumentParser) -> None:
+    """Add ``--gym-packages``, as rl_zoo3's ``train`` has it."""
+    parser.add_argument("--gym-packages", nargs="+", default=[], help="packages to import, which register environments")

@@ -1,4 +1,4 @@
-"""``sb3-bruno report``: records runs, then makes the page of all that are recorded.
+"""``sb3-bruno report``: record runs, then make a results page of all recorded runs.
 
 sb3-bruno report logs/*/CheetahDir-v0_* --out docs/results/cheetah_dir
 """
@@ -9,14 +9,14 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from sb3_bruno.cli.mistake import Mistake, told_as_mistake
 from sb3_bruno.cli.parser import command_parser
 from sb3_bruno.report.page import check_budgets, write_page
 from sb3_bruno.runs.record import RunRecord
-from sb3_bruno.zoo.mistake import Mistake
 
 
 def report(arguments: list[str]) -> None:
-    """Record runs that were tested by ``evaluate`` and make tables and figures of all that are recorded in a folder.
+    """RunRecord runs that ``evaluate`` tested, then make tables and figures of all runs recorded in a folder.
 
     example: sb3-bruno report logs/bruno_sac/CheetahDir-v0_* --out results
     """
@@ -27,7 +27,7 @@ def report(arguments: list[str]) -> None:
     untested = [str(run) for run in options.runs if not (run / "adaptation.json").is_file()]
     if untested:
         raise Mistake(f"no adaptation.json in {', '.join(untested)}: test the run by `sb3-bruno evaluate` first")
-    try:
+    with told_as_mistake():
         new = {options.out / folder: record for folder, record in _records_of(options.runs).items()}
         check_budgets({**_recorded(options.out), **new}.values())
         for folder, record in new.items():
@@ -36,23 +36,25 @@ def report(arguments: list[str]) -> None:
         if not records:
             raise Mistake(f"{options.out} holds no record and no run was given: give folders of runs that were tested")
         print(write_page(records, options.out))
-    except ValueError as error:
-        raise Mistake(str(error)) from error
 
 
 def _recorded(out: Path) -> dict[Path, RunRecord]:
-    """What a page's folder holds, by the folder of each run."""
+    """Load the records in a page's folder, by the folder of each."""
     return {path.parent: RunRecord.load(path.parent) for path in sorted(out.glob("*/*/run.json"))}
 
 
 def _records_of(runs: Sequence[Path]) -> dict[str, RunRecord]:
-    """What to keep of each run, by the folder that keeps it."""
+    """Make a record of each run, by the folder to keep it in.
+
+    Raises:
+        Mistake: if two runs have the same method and seed.
+    """
     records: dict[str, RunRecord] = {}
     for run in runs:
         record = RunRecord.from_run(run)
         folder = f"{_folder_name(record.method)}/seed{record.about['config']['seed']}"
         if folder in records:
-            raise Mistake(f"{run} is a second run of {folder}: one run per method and seed goes on a page; give one")
+            raise Mistake(f"{run} is a second run of {folder}, and a page takes one per method and seed: leave one out")
         records[folder] = record
     return records
 

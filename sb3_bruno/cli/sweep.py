@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +16,14 @@ from optuna.trial import TrialState
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 from rl_zoo3.utils import StoreDict
 
-from sb3_bruno.cli.parser import at_least_one, command_parser
+from sb3_bruno.cli.mistake import Mistake, told_as_mistake
+from sb3_bruno.cli.parser import add_gym_packages, at_least_one, command_parser
 from sb3_bruno.runs.denormals import flushed_denormals
 from sb3_bruno.zoo.configs import config_file, merged, read_configs
-from sb3_bruno.zoo.mistake import Mistake, mistake_of
-from sb3_bruno.zoo.sweep import (
-    COUNTED,
-    GIVEN_BACK,
-    OWNER,
-    SETTINGS,
-    SweepExperiment,
-    give_back_surplus,
-    load_study,
-    open_storage,
-    requeue_lost_trials,
-)
+from sb3_bruno.zoo.one_line import in_one_line
+from sb3_bruno.zoo.study import SETTINGS, SweepSettings, check_config, create_study, load_study
+from sb3_bruno.zoo.sweep import SweepExperiment
+from sb3_bruno.zoo.workers import COUNTED, GIVEN_BACK, OWNER, give_back_surplus, requeue_lost_trials
 
 PATIENCE = 5  # trials that may fail one after another before a worker gives up
 
@@ -48,64 +42,75 @@ def sweep(arguments: list[str]) -> None:
 
 
 class StoreParams(StoreDict):
-    """``-params``, which are Python: whatever they raise is the user's to mend."""
+    """Parse ``-params``, whose values are Python."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option_string: Any = None
     ) -> None:
-        """As rl_zoo3.
+        """Evaluate the values as rl_zoo3 does.
 
-        :raises Mistake: if one of them cannot be read
+        Raises:
+            Mistake: if one cannot be evaluated.
         """
         try:
             super().__call__(parser, namespace, values, option_string)  # type: ignore[no-untyped-call]  # rl_zoo3's
-        except Exception as error:
+        except Exception as error:  # Python may raise anything
             given = f"{option_string} {' '.join(values)}"
-            raise Mistake(f"{given}: {mistake_of(error)}: give NAME:VALUE, a VALUE that is text in quotes") from error
+            raise Mistake(f"{given}: {in_one_line(error)}: give NAME:VALUE, a VALUE that is text in quotes") from error
 
 
 def init(options: argparse.Namespace) -> None:
     """Create the study: once, before the workers start."""
-    settings = {
+    settings: SweepSettings = {
         "algo": options.algo,
         "env": options.env,
+        "gym_packages": options.gym_packages,
         "config": merged(read_config(options.algo, options.env, options.conf), options.hyperparams or {}),
         "n_timesteps": options.n_timesteps,
         "n_evaluations": options.n_evaluations,
         "n_startup_trials": options.n_startup_trials,
         "seed": options.seed,
     }
-    SweepExperiment(settings).check()
-    try:
-        study = optuna.create_study(
-            study_name=options.study_name, storage=open_storage(options.storage), direction="maximize"
-        )
-    except optuna.exceptions.DuplicatedStudyError as error:
-        raise Mistake(f"{options.storage} has a study {options.study_name}: choose another --study-name") from error
-    study.set_user_attr(SETTINGS, settings)
+    with told_as_mistake():
+        check_config(settings["config"])
+    with told_as_mistake(Exception):  # config and -params are Python, which may raise anything
+        SweepExperiment(settings).check()
+    with told_as_mistake():
+        create_study(options.storage, options.study_name, settings)
     print(f"Made {options.study_name} in {options.storage}: start workers with sb3-bruno sweep run")
 
 
 def read_config(algo: str, env: str, conf: str | None) -> dict[str, Any]:
-    """The hyperparameters that are not drawn.
+    """Read the hyperparameters that are not drawn.
 
-    :raises Mistake: if there are none for this algorithm and environment
+    Raises:
+        Mistake: if there are none for this algorithm and environment.
     """
-    try:
+    with told_as_mistake(OSError), told_as_mistake(ValueError):
         path = config_file(algo, conf) or str(Path(rl_zoo3.__file__).parent / "hyperparams" / f"{algo}.yml")
-        config: dict[str, Any] = read_configs(path)[env]
-    except (OSError, ValueError) as error:
-        raise Mistake(str(error)) from error
-    except KeyError as error:
-        raise Mistake(f"{path} has no {env}: give another file by -conf") from error
+        configs = read_configs(path)
+    if env not in configs:
+        raise Mistake(f"{path} has no {env}: give another file by -conf")
+    config: dict[str, Any] = configs[env]
     return config
 
 
+def find_study(options: argparse.Namespace) -> optuna.Study:
+    """Load the study that ``--storage`` and ``--study-name`` name.
+
+    Raises:
+        Mistake: if there is none.
+    """
+    with told_as_mistake():
+        return load_study(options.storage, options.study_name)
+
+
 def run(options: argparse.Namespace) -> None:
-    """Work on the study until it has --max-total-trials, or for --n-trials; any number of workers may."""
+    """Work on the study until it has --max-total-trials, or for --n-trials. Start any number of workers."""
     th.set_num_threads(1)
-    study = load_study(options.storage, options.study_name)
-    experiment = SweepExperiment(study.user_attrs[SETTINGS])
+    study = find_study(options)
+    with told_as_mistake(Exception):
+        experiment = SweepExperiment(study.user_attrs[SETTINGS])
 
     def objective(trial: optuna.Trial) -> float:
         if options.max_total_trials:
@@ -117,7 +122,7 @@ def run(options: argparse.Namespace) -> None:
         tell_of_lost_trials(study)
         return len(study.get_trials(deepcopy=False, states=COUNTED)) >= (options.max_total_trials or float("inf"))
 
-    n_failed = 0  # one after another
+    n_failed = 0  # in a row
 
     def stop_when_done(study: optuna.Study, trial: optuna.trial.FrozenTrial) -> None:
         nonlocal n_failed
@@ -135,15 +140,15 @@ def run(options: argparse.Namespace) -> None:
         )
     status(options)
     if n_failed == PATIENCE:
-        raise Mistake(f"{PATIENCE} trials failed one after another, for the reason above: mend it and start again")
+        raise Mistake(f"{PATIENCE} trials failed one after another, for the reason above: correct it and start again")
 
 
 def status(options: argparse.Namespace) -> None:
     """Count the trials by state; show who works on which, and the best so far."""
-    study = load_study(options.storage, options.study_name)
+    study = find_study(options)
     tell_of_lost_trials(study)
     trials = study.get_trials(deepcopy=False)
-    counts = Counter("given back" if GIVEN_BACK in one.user_attrs else one.state.name.lower() for one in trials)
+    counts = Counter("given back" if GIVEN_BACK in trial.user_attrs else trial.state.name.lower() for trial in trials)
     print(f"{options.study_name}: {len(trials)} trials " + ", ".join(f"{n} {name}" for name, n in counts.items()))
     for trial in trials:
         if trial.state == TrialState.RUNNING:
@@ -161,13 +166,13 @@ def tell_of_lost_trials(study: optuna.Study) -> None:
 
 def best(options: argparse.Namespace) -> None:
     """Write the best hyperparameters as a config that sb3-bruno train takes as it is."""
-    study = load_study(options.storage, options.study_name)
+    study = find_study(options)
     if not study.get_trials(deepcopy=False, states=[TrialState.COMPLETE]):
         raise Mistake(f"no trial of {options.study_name} is complete: start workers with sb3-bruno sweep run")
     settings, trial = study.user_attrs[SETTINGS], study.best_trial
     base = settings["config"]
     drawn = HYPERPARAMS_CONVERTER[settings["algo"]]({**trial.params, "n_envs": base.get("n_envs", 1)})
-    config = {settings["env"]: merged(base, drawn)}
+    config = {settings["env"]: {**merged(base, drawn), **merged_texts(base, drawn)}}
     made_by = f"# Trial {trial.number} of {len(study.trials)} of {options.study_name}: return {trial.value:.2f} after "
     made_by += f"{settings['n_timesteps']:,} env steps, on training tasks held out.\n"
     try:
@@ -178,52 +183,68 @@ def best(options: argparse.Namespace) -> None:
     print(text + f"\nSaved {options.out}: sb3-bruno train --env {settings['env']} -conf {options.out}")
 
 
+def merged_texts(base: Mapping[str, Any], drawn: Mapping[str, Any]) -> dict[str, str]:
+    """Merge drawn dicts into those that a config has as text, as Python that rl_zoo3 evaluates.
+
+    Example: "dict(activation_fn=nn.ELU)" and {"net_arch": [64]} become
+    "{**dict(activation_fn=nn.ELU), **{'net_arch': [64]}}".
+    """
+    return {
+        name: f"{{**{base[name]}, **{value}}}"
+        for name, value in drawn.items()
+        if isinstance(value, dict) and isinstance(base.get(name), str)
+    }
+
+
 def export(options: argparse.Namespace) -> None:
-    """Write every trial with its state, return, duration and draws as CSV."""
-    study = load_study(options.storage, options.study_name)
+    """Write every trial as CSV: its state, return, duration and drawn values."""
+    study = find_study(options)
     table = study.trials_dataframe(attrs=("number", "state", "value", "duration", "params"))
     save(table.to_csv(index=False), options.out)
     print(f"Saved {len(study.trials)} trials in {options.out}")
 
 
 def save(text: str, path: Path) -> None:
-    """Write a file whose folder need not be there yet.
+    """Write a file, and make its folder if there is none.
 
-    :raises Mistake: if it cannot be written
+    Raises:
+        Mistake: if it cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8", newline="")  # a table has its line ends already
+        path.write_text(text, encoding="utf-8", newline="")  # a CSV table has its own line ends
     except OSError as error:
         raise Mistake(f"--out {path} cannot be written, give another: {error.strerror}") from error
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = command_parser("sweep", sweep)
-    commands = parser.add_subparsers(required=True, metavar="init | run | status | best | export")
+    subparsers = parser.add_subparsers(required=True, metavar="init | run | status | best | export")
+    commands: dict[Callable[[argparse.Namespace], None], argparse.ArgumentParser] = {}
     for command in (init, run, status, best, export):
-        one = commands.add_parser(command.__name__, help=command.__doc__, description=command.__doc__)
-        one.set_defaults(command=command)
-        one.add_argument("--storage", required=True, help="a journal file (sweep.log) or postgresql://...")
-        one.add_argument("--study-name", required=True)
-        if command is init:
-            one.add_argument("--algo", default="bruno_sac", choices=sorted(HYPERPARAMS_SAMPLER.keys() & rl_zoo3.ALGOS))
-            one.add_argument("--env", default="CheetahDir-v0", help="(default: CheetahDir-v0)")
-            one.add_argument("-conf", "--conf-file", dest="conf", help="what is not drawn (default: ours)")
-            one.add_argument("-n", "--n-timesteps", type=at_least_one, required=True, help="env steps of a trial")
-            one.add_argument(
-                "--n-evaluations", type=at_least_one, default=5, help="of a trial, for pruning (default: 5)"
-            )
-            one.add_argument(
-                "--n-startup-trials", type=at_least_one, default=10, help="drawn at random first (default: 10)"
-            )
-            one.add_argument("--seed", type=int, default=0, help="of the first trial; each has its own (default: 0)")
-            one.add_argument("-params", "--hyperparams", nargs="+", action=StoreParams, help="as in train")
-        if command is run:
-            one.add_argument("--n-trials", type=at_least_one, help="trials of this worker (default: without end)")
-            one.add_argument("--max-total-trials", type=at_least_one, help="trials of all workers together")
-        if command is best:
-            one.add_argument("--out", type=Path, default=Path("best.yml"), help="(default: best.yml)")
-        if command is export:
-            one.add_argument("--out", type=Path, default=Path("trials.csv"), help="(default: trials.csv)")
+        commands[command] = subparsers.add_parser(command.__name__, help=command.__doc__, description=command.__doc__)
+        commands[command].set_defaults(command=command)
+        commands[command].add_argument(
+            "--storage", required=True, help="a journal file (sweep.log) or postgresql://..."
+        )
+        commands[command].add_argument("--study-name", required=True)
+    _add_settings(commands[init])
+    commands[run].add_argument("--n-trials", type=at_least_one, help="trials of this worker (default: without end)")
+    commands[run].add_argument("--max-total-trials", type=at_least_one, help="trials of all workers together")
+    for command, out in ((best, "best.yml"), (export, "trials.csv")):
+        commands[command].add_argument("--out", type=Path, default=Path(out), help=f"(default: {out})")
     return parser
+
+
+def _add_settings(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of ``init``, which say what every trial is made of."""
+    algos = sorted(HYPERPARAMS_SAMPLER.keys() & rl_zoo3.ALGOS)
+    parser.add_argument("--algo", default="bruno_sac", choices=algos)
+    parser.add_argument("--env", default="CheetahDir-v0", help="(default: CheetahDir-v0)")
+    add_gym_packages(parser)
+    parser.add_argument("-conf", "--conf-file", dest="conf", help="what is not drawn (default: ours)")
+    parser.add_argument("-n", "--n-timesteps", type=at_least_one, required=True, help="env steps of a trial")
+    parser.add_argument("--n-evaluations", type=at_least_one, default=5, help="of a trial, for pruning (default: 5)")
+    parser.add_argument("--n-startup-trials", type=at_least_one, default=10, help="drawn at random first (default: 10)")
+    parser.add_argument("--seed", type=int, default=0, help="of the first trial; each has its own (default: 0)")
+    parser.add_argument("-params", "--hyperparams", nargs="+", action=StoreParams, help="as in train")

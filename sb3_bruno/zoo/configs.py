@@ -1,4 +1,4 @@
-"""Config files in RL Zoo's form: where ours are, what one says, and what is given over it."""
+"""Config files in RL Zoo's form: find one, name it, read it, and merge other hyperparameters into it."""
 
 from __future__ import annotations
 
@@ -12,20 +12,25 @@ import sb3_bruno
 
 
 def configs_folder() -> Path:
-    """The folder of our configs: inside the installed package, or at the top of a clone."""
+    """Find our configs: inside the installed package, or at the top of a clone."""
     package = Path(sb3_bruno.__file__).parent
     installed, clone = package / "zoo_configs", package.parent / "zoo_configs"
     return installed if installed.is_dir() else clone
 
 
 def config_file(algo: str, conf: str | None = None) -> str | None:
-    """The config file of an algorithm.
+    """Find the config file of an algorithm.
 
-    :param algo: rl_zoo3's name of it
-    :param conf: None for our default, the name of a folder of ours ("oracle"), or what rl_zoo3 takes: a YAML or
-        Python file, or a Python package
-    :return: what rl_zoo3's ``-conf`` takes, or None for rl_zoo3's own config of the algorithm
-    :raises ValueError: if there is no such file
+    Args:
+        algo: rl_zoo3's name of it.
+        conf: None for our default, the name of a folder of ours ("oracle"), or what rl_zoo3 takes: a YAML or Python
+            file, or a Python package.
+
+    Returns:
+        What rl_zoo3's ``-conf`` takes; None for rl_zoo3's own config of the algorithm.
+
+    Raises:
+        ValueError: if there is no such file.
     """
     folder = configs_folder()
     if conf is None:
@@ -34,17 +39,22 @@ def config_file(algo: str, conf: str | None = None) -> str | None:
     if (folder / conf).is_dir():
         ours = folder / conf / f"{algo}.yml"
         if not ours.is_file():
-            there = ", ".join(sorted(one.stem for one in ours.parent.glob("*.yml")))
-            raise ValueError(f"-conf {conf} has no config of --algo {algo}: it has {there}")
+            algos = ", ".join(sorted(path.stem for path in ours.parent.glob("*.yml")))
+            raise ValueError(f"-conf {conf} has no config of --algo {algo}: it has {algos}")
         return str(ours)
     if conf.endswith((".yml", ".yaml", ".py")) and not Path(conf).is_file():
-        folders = ", ".join(sorted(one.name for one in folder.iterdir() if one.is_dir()))
+        folders = ", ".join(sorted(path.name for path in folder.iterdir() if path.is_dir()))
         raise ValueError(f"-conf {conf} is neither a file nor one of our folders ({folders})")
     return conf
 
 
 def config_name(algo: str, conf: str | None) -> str | None:
-    """What a config is called on every machine: a file by its folder and name, oracle/sac.yml by its folder alone."""
+    """Name a config alike on every machine: by the file's folder and name, or by the folder alone for oracle/sac.yml.
+
+    Args:
+        algo: rl_zoo3's name of the algorithm.
+        conf: what ``-conf`` was given.
+    """
     if conf is None or not conf.endswith((".yml", ".yaml", ".py")):
         return conf
     *folder, name = Path(conf).with_suffix("").parts[-2:]
@@ -52,7 +62,7 @@ def config_name(algo: str, conf: str | None) -> str | None:
 
 
 def read_configs(path: str | None) -> dict[str, Any]:
-    """What a YAML config says, by environment; nothing of RL Zoo's other kinds of config, which are programs."""
+    """Read a YAML config, by environment. RL Zoo's other kinds of config are programs, and read as empty."""
     if path is None or not path.endswith((".yml", ".yaml")):
         return {}
     configs: dict[str, Any] = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
@@ -60,7 +70,7 @@ def read_configs(path: str | None) -> dict[str, Any]:
 
 
 def merged(config: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Hyperparameters with given ones over them; dicts within are merged, not replaced."""
+    """Merge given hyperparameters into those of a config; dicts among them are merged too, not replaced."""
     both = {**config, **given}
     for key in config.keys() & given.keys():
         if isinstance(config[key], dict) and isinstance(given[key], dict):

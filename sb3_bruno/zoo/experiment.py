@@ -1,12 +1,13 @@
-"""rl_zoo3's ExperimentManager, with each task's return evaluated and an exact resume."""
+"""One training run: rl_zoo3's ExperimentManager, plus evaluation task by task and exact resume."""
 
 from __future__ import annotations
 
+import argparse
 import math
 import shutil
-import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import rl_zoo3
@@ -25,43 +26,69 @@ from sb3_bruno.resume.checkpoint import ResumeCallback, resume
 from sb3_bruno.runs.origin import save_origin
 from sb3_bruno.zoo.configs import config_file, merged, read_configs
 from sb3_bruno.zoo.held_out import FRESH, HeldOut, hold_out
-from sb3_bruno.zoo.mistake import Mistake, mistake_of
 
 CHECKPOINT = "checkpoint.pkl"
 ENCODER_ARGUMENTS = {"encoder_class", "encoder_kwargs", "critic_input"}
 
 
-class TaskExperiment(ExperimentManager):
-    """One training run of rl_zoo3 that can be resumed exactly.
+class RunOptions(NamedTuple):
+    """What ExperimentManager does not know of a run.
 
-    Takes ExperimentManager's arguments. An environment that names its hidden task is evaluated on its test tasks in
-    turn, and its monitor files carry the task of each episode.
-
-    :cvar checkpoint_freq: env steps between checkpoints, 0 for none; ``train`` sets it
-    :cvar folder: where to go on; None starts a new run
-    :cvar has_started: whether an agent has begun to learn, so that what is raised is no mistake in the arguments
+    Attributes:
+        checkpoint_freq: environment steps between checkpoints, 0 for none.
+        resume_from: the folder of the run to go on with; None starts a new run.
+        command: the arguments that start the run. They are saved in its folder, for resuming.
+        on_start: called when the agent starts to learn.
     """
 
-    checkpoint_freq: ClassVar[int] = 25_000
-    folder: ClassVar[Path | None] = None
-    has_started: ClassVar[bool] = False
+    checkpoint_freq: int = 25_000
+    resume_from: Path | None = None
+    command: Sequence[str] = ()
+    on_start: Callable[[], None] = lambda: None
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        if self.folder is None:  # else it is the run's own
-            kwargs["config"] = config_file(args[1], kwargs.get("config"))
-        super().__init__(*args, **kwargs)
-        self._held_out: HeldOut | None = None  # in a search
-        self._is_new = self.folder is None and not Path(self.save_path).exists()
-        if self.folder is not None:
-            self.save_path = str(self.folder)
+
+class TaskExperiment(ExperimentManager):
+    """Train an agent as rl_zoo3 does, and so that the run can be resumed exactly.
+
+    If the environment names its hidden task, evaluations go through its test tasks in turn, and the monitor files
+    record the task of each episode.
+
+    Args:
+        args: the parsed command line, which rl_zoo3 saves with the run.
+        algo: rl_zoo3's name of the algorithm.
+        rest: further arguments of ExperimentManager, from ``env_id`` on.
+        config: a config file, or the name of one of our folders of configs; None for our default.
+        options: what ExperimentManager does not know of the run.
+        kwargs: further arguments of ExperimentManager.
+    """
+
+    def __init__(
+        self,
+        args: argparse.Namespace,
+        algo: str,
+        *rest: Any,
+        config: str | None = None,
+        options: RunOptions | None = None,
+        **kwargs: Any,
+    ) -> None:
+        self._options = options or RunOptions()
+        self._resume_from = self._options.resume_from
+        if self._resume_from is None:  # a resumed run has its config in its folder
+            config = config_file(algo, config)
+        super().__init__(args, algo, *rest, **kwargs | {"config": config})
+        self._held_out: HeldOut | None = None  # set in a search
+        self._is_new = self._resume_from is None and not Path(self.save_path).exists()
+        if self._resume_from is not None:
+            self.save_path = str(self._resume_from)
             self.params_path = f"{self.save_path}/{self.env_name}"
 
     def read_hyperparameters(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """As rl_zoo3, but of a dict in a YAML config, such as ``encoder_kwargs``, only the entries given are replaced.
+        """Read the config, then merge what a trial drew and what ``-params`` says.
 
-        Those of a run that is resumed are its own, whatever the config says by now.
+        rl_zoo3 replaces a whole dict such as ``encoder_kwargs``. Here only the entries that are given change. A resumed
+        run uses the hyperparameters in its folder, even if the config has changed since.
         """
-        if self.folder is not None:
+        if self._resume_from is not None:
             saved: dict[str, Any] = yaml.unsafe_load(Path(self.params_path, "config.yml").read_text(encoding="utf-8"))
             return dict(saved), saved
         configs = read_configs(self.config)
@@ -74,27 +101,30 @@ class TaskExperiment(ExperimentManager):
         return read
 
     def _save_config(self, saved_hyperparams: dict[str, Any]) -> None:
-        """As rl_zoo3; a run that is resumed has saved its config already."""
-        if self.folder is None:
+        """Save the config of a new run. A resumed run has saved it already."""
+        if self._resume_from is None:
             super()._save_config(saved_hyperparams)
 
     def _drawn_in_trial(self, n_envs: int) -> dict[str, Any]:
-        """The hyperparameters of the trial that ``--trial-id`` names, also of one that ``sweep`` made."""
+        """Return what the trial of ``--trial-id`` drew, whether rl_zoo3's search or our sweep made it."""
         if self.storage is None or self.study_name is None:
-            raise Mistake(f"--trial-id {self.trial_id} is of a study: give its --storage and --study-name")
+            raise ValueError(f"--trial-id {self.trial_id} is of a study: give its --storage and --study-name")
         try:
             drawn = self.load_trial(self.storage, self.study_name, self.trial_id, convert=False)
             converted: dict[str, Any] = HYPERPARAMS_CONVERTER[self.algo]({**drawn, "n_envs": n_envs})
         except (KeyError, IndexError) as error:
-            there = f"{self.study_name} in {self.storage}"
-            raise Mistake(f"--trial-id {self.trial_id}: {there} has no such trial with all its draws") from error
+            study = f"{self.study_name} in {self.storage}"
+            raise ValueError(
+                f"--trial-id {self.trial_id}: {study} has no such trial with all its draws: give one that `sb3-bruno "
+                "sweep export` lists"
+            ) from error
         return converted
 
     @staticmethod
     def _preprocess_schedules(hyperparams: dict[str, Any]) -> dict[str, Any]:
-        """As rl_zoo3, whose ``lin_1e-3`` the encoder's learning rate understands as well.
+        """Turn ``lin_1e-3`` into a schedule, for ``encoder_learning_rate`` too.
 
-        The schedule is SB3's own, so that a saved agent loads where rl_zoo3 is not installed.
+        The schedules are SB3's rather than rl_zoo3's, so that a saved agent loads where rl_zoo3 is not installed.
         """
         rate = hyperparams.get("encoder_learning_rate")
         if isinstance(rate, str):
@@ -109,16 +139,17 @@ class TaskExperiment(ExperimentManager):
     def _preprocess_action_noise(
         self, hyperparams: dict[str, Any], saved_hyperparams: dict[str, Any], env: VecEnv
     ) -> dict[str, Any]:
-        """As rl_zoo3, whose search may draw that there is no noise, which it does not understand then."""
+        """Build the action noise. rl_zoo3's search may draw no noise, ``noise_type=None``: then leave it out."""
         if "noise_type" in hyperparams and hyperparams["noise_type"] is None:
-            hyperparams = {name: one for name, one in hyperparams.items() if name not in ("noise_type", "noise_std")}
-        without: dict[str, Any] = super()._preprocess_action_noise(hyperparams, saved_hyperparams, env)
-        return without
+            noise = ("noise_type", "noise_std")
+            hyperparams = {name: value for name, value in hyperparams.items() if name not in noise}
+        processed: dict[str, Any] = super()._preprocess_action_noise(hyperparams, saved_hyperparams, env)
+        return processed
 
     def setup_experiment(self) -> tuple[BaseAlgorithm, dict[str, Any]] | None:
-        """As rl_zoo3; a run that is resumed gets the model of its checkpoint.
+        """Build the model, or load it from the checkpoint of a resumed run.
 
-        What is raised is the user's to mend: all of it stands on config and command.
+        If that fails, a new run leaves no folder behind.
         """
         try:
             results = super().setup_experiment()
@@ -126,21 +157,19 @@ class TaskExperiment(ExperimentManager):
                 self._prepare_search()
                 return None
             model, saved_hyperparams = results
-            if self.folder is not None:
-                model = self._resumed(model, self.folder)
-        except Exception as error:
+            if self._resume_from is not None:
+                model = self._resumed(model, self._resume_from)
+        except Exception:
             if self._is_new:
                 shutil.rmtree(self.save_path, ignore_errors=True)  # it holds no result
-            if isinstance(error, Mistake):
-                raise
-            raise mistake_of(error) from error
-        chosen = ["--seed", str(self.seed), "--checkpoint-freq", str(self.checkpoint_freq)]
-        command = [*sys.argv[1:], *chosen]  # of a flag that is given twice the last one counts
+            raise
+        chosen = ["--seed", str(self.seed), "--checkpoint-freq", str(self._options.checkpoint_freq)]
+        command = [*self._options.command, *chosen]  # if a flag is given twice, the last one counts
         save_origin(Path(self.save_path), command)
         return model, saved_hyperparams
 
     def _resumed(self, model: BaseAlgorithm, folder: Path) -> BaseAlgorithm:
-        """The model of the checkpoint in ``folder``, with the environments of ``model``."""
+        """Load the checkpoint in ``folder`` into the environments of ``model``."""
         assert model.env is not None  # for mypy
         model = resume(folder / CHECKPOINT, model.env, self.device)
         print(f"Going on at {model.num_timesteps:,} of {self.n_timesteps:,} env steps")
@@ -150,19 +179,19 @@ class TaskExperiment(ExperimentManager):
         return model
 
     def _prepare_search(self) -> None:
-        """Trials are judged on held-out training tasks and fresh seeds; what is drawn goes over the config."""
+        """Hold out training tasks to judge trials on, and let what a trial draws be merged into the config."""
         self._held_out = hold_out(self.env_name.gym_id, self.env_kwargs)
         self.env_kwargs = self._held_out.train
         self.n_eval_episodes = self._whole_cycles(self._held_out.n_tasks)
         self._hyperparams = _Config(self._hyperparams)
 
     def learn(self, model: BaseAlgorithm) -> None:
-        """As rl_zoo3; a run that is resumed learns for the env steps that are left."""
-        TaskExperiment.has_started = True
-        super().learn(model if self.folder is None else _GoingOn(model))  # type: ignore[arg-type]  # all it asks
+        """Train the model; a resumed run for the environment steps that are left."""
+        self._options.on_start()
+        super().learn(model if self._resume_from is None else _Remaining(model))  # type: ignore[arg-type]
 
     def create_callbacks(self) -> None:
-        """As rl_zoo3, with TaskEvalCallback where it has EvalCallback and the environment names its task."""
+        """Create rl_zoo3's callbacks, TaskEvalCallback for an environment with a hidden task, and checkpoints."""
         super().create_callbacks()  # type: ignore[no-untyped-call]
         stock = self.callbacks[-1] if self.callbacks else None
         if isinstance(stock, EvalCallback) and self._names_its_task():
@@ -175,14 +204,17 @@ class TaskExperiment(ExperimentManager):
                 eval_freq=self.eval_freq,
                 deterministic=self.deterministic_eval,
             )
-        if self.checkpoint_freq > 0 and issubclass(rl_zoo3.ALGOS[self.algo], OffPolicyAlgorithm):
-            self.callbacks.append(ResumeCallback(Path(self.save_path) / CHECKPOINT, self.checkpoint_freq))
+        if self._options.checkpoint_freq > 0 and issubclass(rl_zoo3.ALGOS[self.algo], OffPolicyAlgorithm):
+            self.callbacks.append(ResumeCallback(Path(self.save_path) / CHECKPOINT, self._options.checkpoint_freq))
 
     def create_envs(self, n_envs: int, eval_env: bool = False, no_log: bool = False) -> VecEnv:
-        """As rl_zoo3; monitor files carry the task, and go on where a run is resumed."""
+        """Create the environments, with the task in the monitor files. A resumed run appends to its files.
+
+        In a search, the environments that judge a trial get a seed of their own.
+        """
         if self._names_its_task():
             self.monitor_kwargs.setdefault("info_keywords", ("task_index", "task"))
-        if self.folder is not None:
+        if self._resume_from is not None:
             self.monitor_kwargs["override_existing"] = False
         if eval_env and self._eval_env_kwargs_args is None:
             self.eval_env_kwargs = self._test_env_kwargs()
@@ -194,9 +226,9 @@ class TaskExperiment(ExperimentManager):
             self.seed -= fresh
 
     def _test_env_kwargs(self) -> dict[str, Any]:
-        """The training environment's, config included; of our environments, with each test task in turn.
+        """Return the keywords of the environments to evaluate in: the training ones, and which tasks to go through.
 
-        In a search, with each held-out training task in turn.
+        Our environments go through the test tasks, in a search through the held-out training tasks.
         """
         if self._held_out is not None:
             return self._held_out.judge
@@ -206,9 +238,12 @@ class TaskExperiment(ExperimentManager):
         return len(eval_env.get_attr("task_distribution")[0].tasks("test")) if self._is_ours() else 1
 
     def _whole_cycles(self, n_tasks: int) -> int:
-        """``n_eval_episodes``, rounded up until each environment goes through all its tasks every time."""
-        n_a_cycle = n_tasks * self.n_eval_envs
-        return n_a_cycle * math.ceil(self.n_eval_episodes / n_a_cycle)
+        """Round ``n_eval_episodes`` up, so that every evaluation env meets each of its tasks equally often.
+
+        Example: 2 tasks in 3 environments make cycles of 6 episodes, so 10 episodes become 12.
+        """
+        cycle = n_tasks * self.n_eval_envs
+        return cycle * math.ceil(self.n_eval_episodes / cycle)
 
     def _is_ours(self) -> bool:
         return self.entry_point(self.env_name.gym_id).startswith("sb3_bruno_envs")
@@ -221,24 +256,27 @@ class TaskExperiment(ExperimentManager):
             env.close()
 
     def _load_pretrained_agent(self, hyperparams: dict[str, Any], env: VecEnv) -> BaseAlgorithm:
-        """As rl_zoo3, which knows that a policy is not changed, and not that an encoder is not."""
+        """Load the agent to train on. rl_zoo3 keeps the policy's arguments; keep the encoder's too."""
         kept = {key: value for key, value in hyperparams.items() if key not in ENCODER_ARGUMENTS}
         model: BaseAlgorithm = super()._load_pretrained_agent(kept, env)
         return model
 
 
 class _Config(dict[str, Any]):
-    """Hyperparameters that a trial's go over as ``-params`` do, in the two calls that rl_zoo3 makes of its dict."""
+    """Hyperparameters into which those of a trial are merged.
+
+    rl_zoo3 copies the dict and updates it with what a trial draws: these two calls alone are changed.
+    """
 
     def copy(self) -> _Config:
         return _Config(self)
 
-    def update(self, drawn: dict[str, Any]) -> None:  # type: ignore[override]  # all that is asked
+    def update(self, drawn: dict[str, Any]) -> None:  # type: ignore[override]  # rl_zoo3 passes a dict
         super().update(merged(self, drawn))
 
 
-class _GoingOn:
-    """What ``ExperimentManager.learn`` asks of a model, for one that has learned a part already."""
+class _Remaining:
+    """A resumed model, as ``ExperimentManager.learn`` sees it: it learns for the steps that are left."""
 
     def __init__(self, model: BaseAlgorithm) -> None:
         self._model = model

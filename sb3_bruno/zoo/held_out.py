@@ -1,4 +1,4 @@
-"""Training tasks that a search does not train on, so that it is judged without a look at the test tasks."""
+"""Holds training tasks out of a search, to judge its trials on without a look at the test tasks."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-FEWEST = 10  # tasks that are worth parting
-FRESH = 10_000  # added to the seed of the environments that a trial is judged on
+FEWEST = 10  # training tasks, of which some are held out
+FRESH = 10_000  # is added to the seed of the environments that a trial is judged on
 
 
 class HeldOut(NamedTuple):
-    """How a search parts the training tasks of an environment.
+    """How a search divides the training tasks of an environment.
 
-    :ivar train: ``env_kwargs`` of the environments that a trial learns in
-    :ivar judge: ``env_kwargs`` of those that it is judged on
-    :ivar n_tasks: how many tasks these go through in turn; 1 where they do not
+    Attributes:
+        train: ``env_kwargs`` of the environments that a trial learns in.
+        judge: ``env_kwargs`` of those that it is judged on.
+        n_tasks: how many tasks these go through in turn; 1 if they do not.
     """
 
     train: dict[str, Any]
@@ -25,16 +26,20 @@ class HeldOut(NamedTuple):
 
 
 def hold_out(env_id: str, env_kwargs: dict[str, Any]) -> HeldOut:
-    """Keep the last fifth of ten or more training tasks for judging; fewer serve both, with fresh seeds.
+    """Hold out the last fifth of ten or more training tasks. Fewer tasks serve for both, with fresh seeds.
 
-    That is for our environments, which take ``tasks`` and ``draw``; others learn and are judged as they are.
+    This needs the keywords ``tasks`` and ``draw`` of our environments. Other environments stay as they are.
+
+    Args:
+        env_id: id of the environment.
+        env_kwargs: what it is made with.
     """
     if not str(gym.spec(env_id).entry_point).startswith("sb3_bruno_envs"):
         return HeldOut(env_kwargs, env_kwargs, 1)
     env = gym.make(env_id, **env_kwargs)
     tasks = env.get_wrapper_attr("task_distribution") if env.has_wrapper_attr("task_distribution") else None
     env.close()
-    list_tasks = getattr(tasks, "tasks", None)  # endless tasks have no list
+    list_tasks = getattr(tasks, "tasks", None)  # a distribution of endless tasks has no list
     train = np.zeros((0, 0)) if list_tasks is None else list_tasks("train")
     if len(train) == 0:
         return HeldOut(env_kwargs, env_kwargs, 1)

@@ -1,14 +1,16 @@
-"""What rl_zoo3 is told of: our algorithms and our environments."""
+"""Registers our algorithms with rl_zoo3, and environments with Gymnasium."""
 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterable
 
 import rl_zoo3
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 import sb3_bruno
+from sb3_bruno.zoo.one_line import in_one_line
 from sb3_bruno.zoo.sampler import convert_bruno, sample_bruno
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
@@ -20,11 +22,25 @@ ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
 
 
 def register() -> None:
-    """Add our algorithms and their search space to rl_zoo3's, in place, before it builds its parsers.
+    """Add our algorithms and their search space to rl_zoo3's, and our environments to Gymnasium's.
 
-    Our environments are added to Gymnasium's.
+    rl_zoo3 lists its algorithms when it builds a parser, so register before it does.
     """
     importlib.import_module("sb3_bruno_envs")
     rl_zoo3.ALGOS.update(ALGORITHMS)
     HYPERPARAMS_SAMPLER.update(dict.fromkeys(ALGORITHMS, sample_bruno))
     HYPERPARAMS_CONVERTER.update(dict.fromkeys(ALGORITHMS, convert_bruno))
+
+
+def import_packages(packages: Iterable[str]) -> None:
+    """Import the packages of ``--gym-packages``, which register environments.
+
+    Raises:
+        ValueError: if one cannot be imported.
+    """
+    for package in packages:
+        try:
+            importlib.import_module(package)
+        except Exception as error:  # importing runs the package, which may raise anything
+            problem = f"cannot be imported: {in_one_line(error)}"
+            raise ValueError(f"--gym-packages {package} {problem}: install it, or name another") from error

@@ -1,6 +1,6 @@
-"""The search space of our algorithms, in the form in which rl_zoo3 keeps those of its own.
+"""The search space of our algorithms, in the form that rl_zoo3 gives its own.
 
-Its upper ends are what one core can pay for.
+One core can afford the upper ends.
 """
 
 from __future__ import annotations
@@ -16,11 +16,14 @@ ENCODER_KWARGS = ("flow_class", "extra_dims", "condition_on_next", "process", "o
 def sample_bruno(trial: optuna.Trial, n_actions: int, n_envs: int, additional_args: dict[str, Any]) -> dict[str, Any]:
     """Draw hyperparameters of encoder, actor-critic and schedule.
 
-    :param trial: the Optuna trial
-    :param n_actions: unused, as rl_zoo3 passes it
-    :param n_envs: number of environments: gradient steps are drawn per environment step
-    :param additional_args: unused, as rl_zoo3 passes it
-    :return: constructor arguments, plain values only
+    Args:
+        trial: the Optuna trial.
+        n_actions: unused; rl_zoo3 passes it.
+        n_envs: number of environments. Gradient steps are drawn per environment step.
+        additional_args: unused; rl_zoo3 passes it.
+
+    Returns:
+        Constructor arguments, plain values only.
     """
     drawn = {
         "learning_rate": trial.suggest_float("learning_rate", 2e-4, 3e-3, log=True),
@@ -43,9 +46,11 @@ def sample_bruno(trial: optuna.Trial, n_actions: int, n_envs: int, additional_ar
 
 
 def convert_bruno(sampled_params: dict[str, Any]) -> dict[str, Any]:
-    """The constructor arguments that drawn values stand for.
+    """Convert drawn values to constructor arguments.
 
-    ``n_envs`` is no hyperparameter of the search: without it, as in ``trial.params``, gradient steps are left out.
+    Args:
+        sampled_params: the drawn values, and ``n_envs``. The search does not draw ``n_envs``, so ``trial.params`` lacks
+            it; without it, ``gradient_steps`` is left out.
     """
     drawn = sampled_params
     arguments: dict[str, Any] = {

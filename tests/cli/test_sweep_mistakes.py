@@ -4,9 +4,10 @@ import re
 
 import optuna
 import pytest
+import yaml
 
 from sb3_bruno.cli.main import main
-from sb3_bruno.zoo.sweep import SETTINGS, open_storage
+from sb3_bruno.zoo.study import SETTINGS, open_storage
 
 CHOSEN = ["--storage", "x.log", "--study-name", "s"]
 INIT = ["sweep", "init", *CHOSEN, "--env", "PointDir-v0", "-n", "120"]
@@ -46,9 +47,9 @@ def test_a_study_that_init_did_not_make_is_one_line(command):
 )
 def test_a_storage_that_cannot_be_opened_is_one_line(storage, folder):
     (folder / "at").touch()
-    with pytest.raises(SystemExit, match=f"--storage {re.escape(storage)} cannot be opened: ") as one:
+    with pytest.raises(SystemExit, match=f"--storage {re.escape(storage)} cannot be opened: ") as end:
         main(["sweep", "run", "--storage", storage, "--study-name", "s"])
-    assert len(str(one.value).splitlines()) == 1
+    assert len(str(end.value).splitlines()) == 1
 
 
 def test_the_folder_of_what_is_saved_is_made(folder):
@@ -89,10 +90,27 @@ def test_hyperparameters_that_cannot_be_are_one_line(params, line, folder):
         (["sweep", "run", *CHOSEN], "--n-trials"),
         (["sweep", "run", *CHOSEN], "--max-total-trials"),
     ],
-    ids=lambda one: one if isinstance(one, str) else one[1],
+    ids=lambda value: value if isinstance(value, str) else value[1],
 )
 def test_numbers_below_one_are_refused(command, flag, number, capsys, folder):
     with pytest.raises(SystemExit):
         main([*command, flag, number])
     assert f"'{number}' is not a whole number of 1 or more" in capsys.readouterr().err
+    assert not (folder / "x.log").exists()
+
+
+def test_a_hyperparameter_that_no_storage_can_hold_is_one_line_and_leaves_no_study(folder):
+    line = r"policy_kwargs=\{.*ReLU.*\} cannot be stored as JSON: .*: give it as text in quotes"
+    with pytest.raises(SystemExit, match=line):
+        main([*INIT, "-params", "policy_kwargs:dict(activation_fn=nn.ReLU)"])
+    assert not (folder / "x.log").exists()
+
+
+def test_an_environment_that_nobody_registered_is_one_line(folder):
+    (folder / "my.yml").write_text(yaml.safe_dump({"Mine-v0": {"policy": "MlpPolicy", "n_timesteps": 64}}))
+    own = ["sweep", "init", *CHOSEN, "--env", "Mine-v0", "-n", "120", "-conf", "my.yml"]
+    with pytest.raises(SystemExit, match=r"--env Mine-v0 is not registered: .* --gym-packages"):
+        main(own)
+    with pytest.raises(SystemExit, match="--gym-packages no_such_package cannot be imported: No module named"):
+        main([*own, "--gym-packages", "no_such_package"])
     assert not (folder / "x.log").exists()

@@ -21,7 +21,6 @@ from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.eval_callback import load_learning_curve
 from sb3_bruno.runs.origin import ORIGIN, trained_at
 from sb3_bruno.zoo.configs import config_file, config_name, configs_folder
-from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.registry import ALGORITHMS
 from sb3_bruno_envs import CHEETAH_VEL_TASKS
 from support.tiny_runs import tiny
@@ -35,7 +34,7 @@ def of_config(path):
     return [(folder, path.stem, env) for env in yaml.safe_load(path.read_text())]
 
 
-@pytest.mark.parametrize(("conf", "algo", "env"), [one for path in CONFIGS for one in of_config(path)])
+@pytest.mark.parametrize(("conf", "algo", "env"), [entry for path in CONFIGS for entry in of_config(path)])
 def test_every_config_runs(run, tmp_path, conf, algo, env):
     arguments = ["--algo", algo, "--env", env, "-n", 400, "--eval-freq", -1, "--seed", 1]
     if conf is not None:
@@ -201,18 +200,19 @@ def test_a_killed_run_is_resumed_exactly(run, tmp_path):
         time.sleep(0.05)
     process.send_signal(signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
+    killed_at = (parts / "checkpoint.pkl").stat().st_mtime_ns
     printed, mistake = run("train", "--resume", parts)
     assert mistake == "" and "of 2,000 env steps" in printed
-    assert TaskExperiment.checkpoint_freq == 160
+    assert (parts / "checkpoint.pkl").stat().st_mtime_ns > killed_at  # its own --checkpoint-freq, not the default
     origins = [json.loads((folder / ORIGIN).read_text()) for folder in (whole, parts)]
     assert origins[0]["command"] == origins[1]["command"]
     assert [len(origin["versions"]) for origin in origins] == [1, 2]
     assert trained_at(whole) == trained_at(parts) and len(trained_at(parts)) == 1
-    one, two = (BrunoSAC.load(folder / "PointDir-v0.zip") for folder in (whole, parts))
-    for name, value in one.policy.state_dict().items():
-        assert th.equal(value, two.policy.state_dict()[name]), name
-    for one, two in zip(load_learning_curve(whole), load_learning_curve(parts), strict=True):
-        np.testing.assert_array_equal(one, two)
+    uninterrupted, resumed = (BrunoSAC.load(folder / "PointDir-v0.zip") for folder in (whole, parts))
+    for name, value in uninterrupted.policy.state_dict().items():
+        assert th.equal(value, resumed.policy.state_dict()[name]), name
+    for expected, found in zip(load_learning_curve(whole), load_learning_curve(parts), strict=True):
+        np.testing.assert_array_equal(found, expected)
     returns = [np.sort(load_results(str(folder)).r) for folder in (whole, parts)]
     np.testing.assert_array_equal(*returns)
 

@@ -43,8 +43,8 @@ def test_an_offline_run_holds_what_our_algorithm_logs(tmp_path):
         if record.WhichOneof("record_type") == "history":
             items = {item.key or "/".join(item.nested_key): item.value_json for item in record.history.item}
             lines.append({key: json.loads(value) for key, value in items.items()})
-        for one in (*record.config.update, *record.run.config.update):
-            config[one.key or "/".join(one.nested_key)] = json.loads(one.value_json)
+        for item in (*record.config.update, *record.run.config.update):
+            config[item.key or "/".join(item.nested_key)] = json.loads(item.value_json)
     shown = {key: value for line in lines for key, value in line.items()}
     assert math.isfinite(shown["encoder/bound_nats"]) and shown["belief/var"] > 0
     assert {"eval/mean_reward", "train/actor_loss", "rollout/ep_rew_mean"} <= shown.keys()

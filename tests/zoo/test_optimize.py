@@ -15,7 +15,7 @@ from sb3_bruno.zoo.configs import config_file, read_configs
 from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.registry import register
 from sb3_bruno.zoo.sampler import convert_bruno
-from sb3_bruno.zoo.sweep import open_storage
+from sb3_bruno.zoo.study import open_storage
 from sb3_bruno_envs import MetaTask, PointDirEnv, TransitionObservation
 
 STUDY = ["--storage", "demo.log", "--study-name", "demo"]

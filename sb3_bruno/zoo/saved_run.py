@@ -1,0 +1,100 @@
+"""What ``sb3-bruno train`` saved about a run, and how the run differs from the config as it is now."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+from rl_zoo3.utils import get_saved_hyperparams
+
+from sb3_bruno.zoo.configs import config_file, config_name, read_configs
+
+
+class SavedRun(NamedTuple):
+    """The settings of a training run.
+
+    Attributes:
+        arguments: the command line's, by rl_zoo3's names.
+        hyperparams: what the agent was trained with, ``env_kwargs`` of the config included.
+    """
+
+    arguments: dict[str, Any]
+    hyperparams: dict[str, Any]
+
+    @classmethod
+    def load(cls, params: Path) -> SavedRun:
+        """Read ``args.yml`` and ``config.yml``.
+
+        Args:
+            params: the folder that holds them, which is named after the environment, in the run's folder.
+
+        Raises:
+            ValueError: if there is no ``args.yml``.
+        """
+        try:
+            text = (params / "args.yml").read_text(encoding="utf-8")
+        except FileNotFoundError as error:
+            raise ValueError(f"{params} has no args.yml, which `sb3-bruno train` writes: train there") from error
+        arguments: dict[str, Any] = yaml.unsafe_load(text)  # unsafe, because rl_zoo3 writes an OrderedDict
+        hyperparams: dict[str, Any] = get_saved_hyperparams(str(params))[0]
+        hyperparams.pop("normalize_kwargs", None)  # rl_zoo3 derives it from "normalize"
+        policy_kwargs = hyperparams.get("policy_kwargs")
+        if isinstance(policy_kwargs, dict) and policy_kwargs.get("use_sde") is False:
+            del policy_kwargs["use_sde"]  # SB3 writes this default into the dict that it is given
+        return cls(arguments, hyperparams)
+
+    @property
+    def gym_packages(self) -> list[str]:
+        """Packages to import, which register the environment."""
+        packages: list[str] = self.arguments.get("gym_packages", [])
+        return packages
+
+    @property
+    def env_kwargs(self) -> dict[str, Any]:
+        """The keywords that the environment was made with: the config's, then the command line's."""
+        return {**self.hyperparams.get("env_kwargs", {}), **(self.arguments["env_kwargs"] or {})}
+
+    def choices(self, algo: str, env_id: str) -> dict[str, Any]:
+        """Tell this run from others: which config it chose, where it differs from that, and all hyperparameters.
+
+        The config is read as it is now. So a setting that the run tried and the config has since adopted is no
+        difference, and a setting that the config has since changed is one. Entries of a dict are compared one by one
+        and named like ``encoder_kwargs.belief``. A setting that only the config has is None.
+
+        Returns:
+            ``conf``, ``params`` (the differences by name) and ``hyperparameters``, all values that JSON can hold.
+        """
+        used = dict(self.hyperparams)
+        if self.env_kwargs:
+            used["env_kwargs"] = self.env_kwargs
+        conf = self.arguments["conf_file"]
+        config = _read_config(algo, conf).get(env_id)
+        if config is None:
+            differing = dict(self.arguments["hyperparams"] or {})
+        else:
+            expected = _flat({"normalize": False, **config, "n_timesteps": used["n_timesteps"]})
+            found = _flat(used)
+            names = {**found, **expected}
+            differing = {name: found.get(name) for name in names if found.get(name) != expected.get(name)}
+        chosen = {"conf": config_name(algo, conf), "params": differing, "hyperparameters": used}
+        as_json: dict[str, Any] = json.loads(json.dumps(chosen, default=str))
+        return as_json
+
+
+def _flat(settings: Mapping[str, Any], path: str = "") -> dict[str, Any]:
+    """Flatten nested dicts: {"a": {"b": 1}} becomes {"a.b": 1}."""
+    flat: dict[str, Any] = {}
+    for name, value in settings.items():
+        flat |= _flat(value, f"{path}{name}.") if isinstance(value, Mapping) else {f"{path}{name}": value}
+    return flat
+
+
+def _read_config(algo: str, conf: str | None) -> dict[str, Any]:
+    """Read the config that a run chose, by environment. Return nothing if it is gone or not in YAML."""
+    try:
+        return read_configs(config_file(algo, conf))
+    except ValueError:
+        return {}

@@ -1,0 +1,71 @@
+"""An environment of somebody's own: every command that needs it imports the package that registers it."""
+
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import yaml
+
+from sb3_bruno.evaluation.adaptation_result import AdaptationResult
+
+PACKAGE = (
+    "import gymnasium as gym\n"
+    "from gymnasium.envs.registration import register\n"
+    "register('Mine-v0', lambda **kwargs: gym.make('sb3_bruno_envs:PointDir-v0', **kwargs))\n"
+)
+TRAIN = ["train", "--env", "Mine-v0", "--gym-packages", "my_envs", "-conf", "my.yml"]
+STUDY = ["--storage", "x.log", "--study-name", "s"]
+
+
+def forget():
+    """Be as a new process, which has not imported the package."""
+    sys.modules.pop("my_envs", None)
+    gym.registry.pop("Mine-v0", None)
+
+
+@pytest.fixture(autouse=True)
+def package(tmp_path, monkeypatch):
+    """The file of a package that registers Mine-v0, and a config of it."""
+    monkeypatch.syspath_prepend(tmp_path)
+    file = tmp_path / "my_envs.py"
+    file.write_text(PACKAGE)
+    entry = {"n_timesteps": 64, "policy": "MlpPolicy", "learning_starts": 40, "buffer_size": 2_000}
+    (tmp_path / "my.yml").write_text(yaml.safe_dump({"Mine-v0": entry}))
+    yield file
+    forget()
+
+
+def test_it_is_trained_evaluated_and_recorded(run, tmp_path):
+    assert run(*TRAIN)[1] == ""
+    for command, *flags in (["evaluate", "--episodes", 1], ["record-video", "-n", 5, "--gym-packages", "my_envs"]):
+        forget()
+        assert run(command, "--env", "Mine-v0", *flags)[1] == ""
+    result = AdaptationResult.load(tmp_path / "logs" / "bruno_sac" / "Mine-v0_1" / "adaptation.json")
+    np.testing.assert_array_equal(result.tasks, [[-1, 0], [1, 0]])
+
+
+def test_it_is_searched_by_workers_that_import_it_themselves(run):
+    flags = ["--env", "Mine-v0", "--gym-packages", "my_envs", "-conf", "my.yml", "-n", 64, "--n-evaluations", 1]
+    assert run("sweep", "init", *STUDY, *flags)[1] == ""
+    forget()
+    printed, mistake = run("sweep", "run", *STUDY, "--max-total-trials", 1)
+    assert mistake == "" and "1 complete" in printed
+
+
+@pytest.mark.parametrize("damage", [None, "import no_such_library", "1 / 0"], ids=["gone", "no library", "error"])
+def test_a_package_that_cannot_be_imported_is_one_line(run, package, damage):
+    assert run(*TRAIN, "--eval-freq", -1)[1] == ""
+    flags = ["--env", "Mine-v0", "--gym-packages", "my_envs", "-conf", "my.yml", "-n", 64]
+    assert run("sweep", "init", *STUDY, *flags)[1] == ""
+    forget()
+    package.write_text(damage) if damage else package.unlink()
+    for command, *flags in (
+        ["evaluate", "--env", "Mine-v0"],
+        ["diagnose", "--env", "Mine-v0"],
+        ["record-video", "--env", "Mine-v0", "--gym-packages", "my_envs"],
+        ["sweep", "run", *STUDY],
+    ):
+        mistake = run(command, *flags)[1]
+        assert mistake.startswith(f"sb3-bruno {command}: --gym-packages my_envs cannot be imported: ")
+        assert "\n" not in mistake

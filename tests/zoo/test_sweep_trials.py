@@ -1,0 +1,97 @@
+"""What a sweep rests on: how a trial is judged, pruned and drawn, and when its worker is gone."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import optuna
+import pytest
+import yaml
+from optuna.trial import TrialState
+
+from sb3_bruno.zoo.configs import config_file
+from sb3_bruno.zoo.registry import register
+from sb3_bruno.zoo.sampler import convert_bruno, sample_bruno
+from sb3_bruno.zoo.study import create_study, load_study
+from sb3_bruno.zoo.sweep import SweepExperiment
+from sb3_bruno.zoo.workers import is_gone, this_process
+
+
+@pytest.fixture(autouse=True, scope="module")
+def registered():
+    """Our algorithms, environments and search space, as the command line registers them."""
+    register()
+
+
+def settings(env="PointDir-v0", algo="bruno_sac", **config):
+    base = yaml.safe_load(Path(config_file(algo)).read_text())[env]
+    return {
+        "algo": algo,
+        "env": env,
+        "config": {**base, "n_envs": 2, "learning_starts": 60, "buffer_size": 2_000, **config},
+        "n_timesteps": 120,
+        "n_evaluations": 2,
+        "n_startup_trials": 2,
+        "seed": 0,
+    }
+
+
+def test_no_trial_is_pruned_in_its_first_third(tmp_path):
+    storage = str(tmp_path / "sweep.log")
+    create_study(storage, "third", {**settings(), "n_evaluations": 6})
+    study = load_study(storage, "third")
+    for _ in range(2):
+        good = study.ask()
+        for evaluation in range(1, 7):
+            good.report(1.0, evaluation)
+        study.tell(good, 1.0)
+    bad = study.ask()
+    pruned = []
+    for evaluation in range(1, 4):
+        bad.report(0.0, evaluation)
+        pruned.append(bad.should_prune())
+    assert pruned == [False, False, True]
+
+
+def test_a_trial_is_judged_on_held_out_training_tasks():
+    experiment = SweepExperiment(settings("CheetahVel-v0"))
+    train = experiment.create_envs(2).get_attr("task_distribution")[0].tasks("train")
+    judged = experiment.create_envs(1, eval_env=True).get_attr("task_distribution")[0].tasks("train")
+    assert (len(train), len(judged), experiment.n_eval_episodes) == (80, 20, 20)
+    assert not set(train.ravel()) & set(judged.ravel())
+
+
+def test_few_tasks_are_judged_with_fresh_seeds():
+    experiment = SweepExperiment(settings())
+    first, judged = experiment.create_envs(2), experiment.create_envs(1, eval_env=True)
+    assert experiment.n_eval_episodes == 10  # five times both directions
+    assert not np.array_equal(first.reset()["observation"][0], judged.reset()["observation"][0])
+    assert experiment.seed == 0
+
+
+def test_an_error_of_a_trial_is_no_pruned_trial():
+    study = optuna.create_study()
+    experiment = SweepExperiment(settings())
+    experiment._hyperparams["batch_size"] = 64
+    experiment._hyperparams["critic_input"] = "nothing"  # a ValueError, which rl_zoo3 would count as pruned
+    study.optimize(experiment.objective, n_trials=1, catch=(Exception,))
+    assert [trial.state for trial in study.trials] == [TrialState.FAIL]
+
+
+def test_drawn_values_are_those_that_parameters_convert_to():
+    trial = optuna.create_study().ask()
+    drawn = sample_bruno(trial, 2, 10, {})
+    assert convert_bruno({**trial.params, "n_envs": 10}) == drawn
+    assert drawn["gradient_steps"] >= 1
+    assert yaml.safe_load(yaml.safe_dump(drawn)) == drawn
+
+
+def test_a_process_that_ended_is_gone_and_this_one_is_not():
+    assert not is_gone(this_process())
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    owner = {**this_process(), "pid": process.pid}
+    process.wait()
+    assert is_gone(owner)
+    assert is_gone({**this_process(), "started": 0.0})  # another process had this number
+    assert not is_gone({**owner, "host": "elsewhere"})
