@@ -23,6 +23,7 @@ import torch as th
 from encoder_alone import random_transitions, read_out, updates
 
 from sb3_bruno import BrunoEncoder, TaskReplayBuffer
+from sb3_bruno.encoders.base import map_memory
 from sb3_bruno.encoders.bruno import PROCESSES, Objective
 from sb3_bruno.evaluation import library_versions
 
@@ -44,14 +45,14 @@ def test(encoder: BrunoEncoder, buffer: TaskReplayBuffer) -> dict[str, float]:
 
     Half of the sequences fit the read-out, the other half test it.
     """
-    slots, tasks = buffer.exchangeable_slots(N_SEQUENCES)
+    slots, tasks = buffer.exchangeable_slots(N_SEQUENCES, buffer.sequence_length)
     transitions = buffer.transitions(slots)
     nats = encoder.one_step_bounds(transitions).mean(dim=0)
     found = {"nats": float(nats.mean()), f"nats after {CONTEXTS[1]} or more": float(nats[CONTEXTS[1] :].mean())}
     prefixes = encoder.prefixes(transitions)
     half = N_SEQUENCES // 2
     for n in CONTEXTS:
-        means = encoder.posterior(tuple(part[:, n] for part in prefixes)).mean.numpy()
+        means = encoder.posterior(map_memory(lambda states, n=n: states[:, n], prefixes)).mean.numpy()
         errors = read_out(means, tasks, half) - tasks[half:]
         found[f"explained after {n}"] = float(1 - errors.var() / tasks[half:].var())
     return found

@@ -17,6 +17,7 @@ import torch as th
 from encoder_alone import random_transitions, read_out, updates
 
 from sb3_bruno import BrunoEncoder, TaskReplayBuffer
+from sb3_bruno.encoders.base import map_memory
 from sb3_bruno.maths.flow import FLOWS
 
 CONTEXTS = (1, 3, 10, 40)
@@ -30,7 +31,7 @@ def accuracy(encoder: BrunoEncoder, buffer: TaskReplayBuffer) -> list[float]:
         prefixes = encoder.eval().prefixes(buffer.transitions(slots[:, : CONTEXTS[-1]]))
     shares = []
     for n in CONTEXTS:
-        means = encoder.posterior(tuple(part[:, n] for part in prefixes)).mean.detach().numpy()
+        means = encoder.posterior(map_memory(lambda states, n=n: states[:, n], prefixes)).mean.detach().numpy()
         predictions = read_out(means, np.where(direction, 1.0, -1.0), 800)
         shares.append(float(((predictions > 0) == direction[800:]).mean()))
     return shares

@@ -58,7 +58,7 @@ def run(model: BrunoSAC, env_id: str, steps: int, n: int, *, switch: bool) -> tu
     rewards, absorbed = [], []
     for _ in range(steps):
         actions, state = model.predict(observations, state, episode_start, deterministic=True)  # type: ignore[arg-type]
-        absorbed.append(model.belief(state).statistics[0][:, 0].cpu().numpy())
+        absorbed.append(model.belief(state).memory.n[:, 0].cpu().numpy())
         observations, reward, episode_start, _ = venv.step(actions)
         rewards.append(reward)
     return np.stack(rewards, axis=1), np.stack(absorbed, axis=1)

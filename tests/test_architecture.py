@@ -22,7 +22,7 @@ ROOMS = {  # each room, from the ground up, and the rooms that it may import
     "diagnostics": {"algorithms", "encoders", "evaluation", "plotting"},
     "resume": {"algorithms"},
     "report": {"evaluation", "plotting", "runs"},
-    "zoo": {"", "evaluation", "resume", "runs"},
+    "zoo": {"", "algorithms", "encoders", "evaluation", "resume", "runs"},
     "cli": {"algorithms", "diagnostics", "evaluation", "plotting", "report", "runs", "zoo"},
     "quickstart": {"", "evaluation", "plotting", "resume", "runs"},
 }

@@ -59,6 +59,7 @@ class RecurrentEncoder(TaskEncoder[RecurrentMemory]):
     """
 
     order: Order = "time"
+    learns_from: Teacher = "critic"
     learning_rate: ClassVar[float] = 1e-4  # well below the critics': Luo et al. (2024, arXiv 2405.15384)
     search_space: ClassVar[Mapping[str, Sequence[Any]]] = {"cell": ("gru", "lstm"), "hidden_size": (32, 64, 128)}
 

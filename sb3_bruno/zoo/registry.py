@@ -7,17 +7,22 @@ from collections.abc import Iterable
 
 import rl_zoo3
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
-from stable_baselines3.common.base_class import BaseAlgorithm
 
 import sb3_bruno
+from sb3_bruno.algorithms.task_inference import TaskInference
+from sb3_bruno.encoders import find_encoder
 from sb3_bruno.zoo.one_line import in_one_line
-from sb3_bruno.zoo.sampler import convert_bruno, sample_bruno
+from sb3_bruno.zoo.sampler import SearchSpace
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
+ALGORITHMS: dict[str, type[TaskInference]] = {
     "bruno_sac": sb3_bruno.BrunoSAC,
     "bruno_tqc": sb3_bruno.BrunoTQC,
     "bruno_crossq": sb3_bruno.BrunoCrossQ,
     "bruno_td3": sb3_bruno.BrunoTD3,
+    "recurrent_sac": sb3_bruno.RecurrentSAC,
+    "recurrent_tqc": sb3_bruno.RecurrentTQC,
+    "recurrent_crossq": sb3_bruno.RecurrentCrossQ,
+    "recurrent_td3": sb3_bruno.RecurrentTD3,
 }
 
 
@@ -28,8 +33,10 @@ def register() -> None:
     """
     importlib.import_module("sb3_bruno_envs")
     rl_zoo3.ALGOS.update(ALGORITHMS)
-    HYPERPARAMS_SAMPLER.update(dict.fromkeys(ALGORITHMS, sample_bruno))
-    HYPERPARAMS_CONVERTER.update(dict.fromkeys(ALGORITHMS, convert_bruno))
+    for name, algorithm in ALGORITHMS.items():
+        space = SearchSpace(find_encoder(algorithm.default_encoder))
+        HYPERPARAMS_SAMPLER[name] = space.sample
+        HYPERPARAMS_CONVERTER[name] = space.convert
 
 
 def import_packages(packages: Iterable[str]) -> None:

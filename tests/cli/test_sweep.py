@@ -15,10 +15,11 @@ import yaml
 from optuna.trial import TrialState
 from torch import nn
 
+from sb3_bruno import BrunoEncoder
 from sb3_bruno.cli.main import main
 from sb3_bruno.cli.sweep import PATIENCE
 from sb3_bruno.zoo.registry import register
-from sb3_bruno.zoo.sampler import NETS, convert_bruno, sample_bruno
+from sb3_bruno.zoo.sampler import NETS, SearchSpace
 from sb3_bruno.zoo.study import SETTINGS, load_study, open_storage
 from sb3_bruno.zoo.sweep import SweepExperiment
 from sb3_bruno.zoo.workers import GIVEN_BACK, OWNER, SurplusTrial, give_back_surplus
@@ -185,11 +186,12 @@ def test_the_best_config_is_what_its_trial_trained_with(tmp_path, monkeypatch):
     settings = study.user_attrs[SETTINGS]
     study.set_user_attr(SETTINGS, {**settings, "config": {**settings["config"], "policy_kwargs": text}})
     trial = study.ask()
-    sample_bruno(trial, 2, 2, {})
+    space = SearchSpace(BrunoEncoder)
+    space.sample(trial, 2, 2, {})
     study.tell(trial, 1.0)
     main(["sweep", "best", "--storage", "x.log", "--study-name", "s"])
     config = yaml.safe_load((tmp_path / "best.yml").read_text())["PointDir-v0"]
-    drawn = convert_bruno(trial.params)
+    drawn = space.convert(trial.params)
     assert eval(config["policy_kwargs"], {"nn": nn}) == {"activation_fn": nn.ELU, **drawn["policy_kwargs"]}
     assert config["gamma"] == drawn["gamma"]
 

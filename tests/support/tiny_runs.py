@@ -1,7 +1,5 @@
 """Training runs of a second, as arguments of the command line."""
 
-from sb3_bruno.zoo.registry import ALGORITHMS
-
 TINY = [
     "policy_kwargs:dict(net_arch=[8])",
     "learning_starts:96",
@@ -14,6 +12,6 @@ TINY_ENCODER = ["encoder_learning_starts:48", "encoder_batch_size:2"]
 
 def tiny(*arguments, algo="bruno_sac", env="PointDir-v0", steps=480):
     """Arguments of a training run of a second."""
-    parameters = TINY + (TINY_ENCODER if algo in ALGORITHMS else [])
+    parameters = TINY + (TINY_ENCODER if algo.startswith("bruno") else [])
     flags = ["--algo", algo, "--env", env, "-n", steps, "--seed", 1, "--eval-freq", 240, "--eval-episodes", 2]
     return ["train", *flags, *arguments, "-params", *parameters]

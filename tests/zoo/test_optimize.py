@@ -10,11 +10,12 @@ import pytest
 import yaml
 from gymnasium.wrappers import TimeLimit
 
+from sb3_bruno import BrunoEncoder
 from sb3_bruno.cli.main import main
 from sb3_bruno.zoo.configs import config_file, read_configs
 from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.registry import register
-from sb3_bruno.zoo.sampler import convert_bruno
+from sb3_bruno.zoo.sampler import SearchSpace
 from sb3_bruno.zoo.study import open_storage
 from sb3_bruno_envs import MetaTask, PointDirEnv, TransitionObservation
 
@@ -45,7 +46,7 @@ def test_a_search_of_rl_zoo_and_a_training_with_what_it_found(tmp_path, monkeypa
     (run,) = (tmp_path / "logs" / "bruno_sac").glob("*/PointDir-v0/config.yml")
     used = dict(yaml.unsafe_load(run.read_text()))
     config = read_configs(config_file("bruno_sac"))["PointDir-v0"]
-    drawn = convert_bruno({**study.trials[0].params, "n_envs": 2})
+    drawn = SearchSpace(BrunoEncoder).convert({**study.trials[0].params, "n_envs": 2})
     assert used["gamma"] == 0.5  # -params goes over the trial
     assert used["gradient_steps"] == drawn["gradient_steps"]
     assert used["encoder_kwargs"] == config["encoder_kwargs"] | drawn["encoder_kwargs"]

@@ -10,9 +10,10 @@ import pytest
 import yaml
 from optuna.trial import TrialState
 
+from sb3_bruno.encoders import RecurrentEncoder, find_encoder
 from sb3_bruno.zoo.configs import config_file
-from sb3_bruno.zoo.registry import register
-from sb3_bruno.zoo.sampler import convert_bruno, sample_bruno
+from sb3_bruno.zoo.registry import ALGORITHMS, register
+from sb3_bruno.zoo.sampler import SearchSpace
 from sb3_bruno.zoo.study import create_study, load_study
 from sb3_bruno.zoo.sweep import SweepExperiment
 from sb3_bruno.zoo.workers import is_gone, this_process
@@ -79,12 +80,23 @@ def test_an_error_of_a_trial_is_no_pruned_trial():
     assert [trial.state for trial in study.trials] == [TrialState.FAIL]
 
 
-def test_drawn_values_are_those_that_parameters_convert_to():
+@pytest.mark.parametrize("algorithm", ALGORITHMS.values())
+def test_drawn_values_are_those_that_parameters_convert_to_and_build_a_model(algorithm):
+    space = SearchSpace(find_encoder(algorithm.default_encoder))
     trial = optuna.create_study().ask()
-    drawn = sample_bruno(trial, 2, 10, {})
-    assert convert_bruno({**trial.params, "n_envs": 10}) == drawn
+    drawn = space.sample(trial, 2, 10, {})
+    assert space.convert({**trial.params, "n_envs": 10}) == drawn
     assert drawn["gradient_steps"] >= 1
     assert yaml.safe_load(yaml.safe_dump(drawn)) == drawn
+    algorithm("MlpPolicy", "PointDir-v0", **drawn)
+
+
+def test_an_integer_of_a_search_space_is_drawn_as_one():
+    encoder = type("Ours", (RecurrentEncoder,), {"search_space": {"hidden_size": range(8, 33, 8)}})
+    trial = optuna.create_study().ask()
+    SearchSpace(encoder).sample(trial, 2, 10, {})
+    found = trial.distributions["hidden_size"]
+    assert (found.low, found.high, found.step) == (8, 32, 8)
 
 
 def test_a_process_that_ended_is_gone_and_this_one_is_not():
