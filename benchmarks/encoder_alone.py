@@ -27,11 +27,11 @@ def updates(
     """Train the encoder, and yield the bound at every update, in nats per transition."""
     optimizer = th.optim.Adam(encoder.parameters(), lr=learning_rate)
     for _ in range(n_updates):
-        bound = encoder.train().bound(buffer.sample_sequences(n_sequences))
+        loss = encoder.train().loss(buffer.sample_sequences(n_sequences))
         optimizer.zero_grad()
-        (-bound).backward()
+        loss.total.backward()
         optimizer.step()
-        yield bound.item()
+        yield loss.scalars["bound_nats"].item()
 
 
 def read_out(means: NDArray[np.float32], targets: NDArray[Any], n_fit: int) -> NDArray[np.float64]:

@@ -1,0 +1,111 @@
+"""Train agents on Pendulum with its velocity hidden: one that sees it, one without memory, and recurrent ones.
+
+    python benchmarks/hidden_velocity.py --out docs/results
+
+Each agent learns for the same number of environment steps and is then tested, deterministically, on 20 episodes. Prints
+the mean return of each seed. A run that is already in the JSON file of ``--out`` is not made again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch as th
+from gymnasium.spaces import Box
+from gymnasium.wrappers import TransformObservation
+from stable_baselines3 import SAC
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.evaluation import evaluate_policy
+
+from sb3_bruno import RecurrentSAC
+from sb3_bruno.evaluation import library_versions
+from sb3_bruno_envs import MetaTask, TransitionObservation
+
+N_ENVS = 4
+N_TESTS = 20  # episodes
+SETTINGS: dict[str, Any] = {
+    "learning_rate": 1e-3,
+    "learning_starts": 800,
+    "batch_size": 128,
+    "gradient_steps": 2,  # for the steps of four environments
+    "gamma": 0.95,
+    "policy_kwargs": {"net_arch": [64, 64]},
+}
+RECURRENT: dict[str, dict[str, Any]] = {
+    "RecurrentSAC, GRU": {},
+    "RecurrentSAC, LSTM": {"encoder_kwargs": {"cell": "lstm"}},
+}
+RATES = (1e-4, 3e-4, 1e-3)
+
+
+def swing_up(hidden: bool, shown: bool = False) -> gym.Env[Any, Any]:
+    """Make Pendulum-v1 with episodes of 100 steps, its velocity hidden, its last action and reward shown."""
+    env: gym.Env[Any, Any] = gym.make("Pendulum-v1", max_episode_steps=100)
+    if hidden:
+        env = TransformObservation(env, lambda observation: observation[:2], Box(-1.0, 1.0, (2,)))
+    return TransitionObservation(MetaTask(env)) if shown else env
+
+
+def agents() -> dict[str, tuple[type[SAC], dict[str, Any], dict[str, Any]]]:
+    """List the agents by name: class, further settings, arguments of ``swing_up``."""
+    found: dict[str, tuple[type[SAC], dict[str, Any], dict[str, Any]]] = {
+        "SAC, sees the velocity": (SAC, {}, {"hidden": False}),
+        "SAC": (SAC, {}, {"hidden": True}),
+    }
+    for name, settings in RECURRENT.items():
+        for rate in RATES:
+            more = {**settings, "encoder_learning_rate": rate}
+            found[f"{name}, encoder's learning rate {rate:g}"] = (RecurrentSAC, more, {"hidden": True, "shown": True})
+    return found
+
+
+def run(name: str, seed: int, n_timesteps: int) -> float:
+    """Train an agent; return its mean return in the test."""
+    algorithm, more, env_kwargs = agents()[name]
+    env = make_vec_env(swing_up, N_ENVS, seed=seed, env_kwargs=env_kwargs)
+    model = algorithm("MlpPolicy", env, seed=seed, device="cpu", **SETTINGS, **more).learn(n_timesteps)
+    test = make_vec_env(swing_up, N_TESTS, seed=10_000, env_kwargs=env_kwargs)
+    mean, _ = evaluate_policy(model, test, n_eval_episodes=N_TESTS)
+    return float(np.mean(mean))
+
+
+def main() -> None:
+    """Parse the command line, and make the runs that are missing."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--steps", type=int, default=12_000, help="of training, over all environments")
+    parser.add_argument("--agents", nargs="+", default=list(agents()), choices=list(agents()), metavar="NAME")
+    parser.add_argument("--out", type=Path, help="folder for hidden_velocity.json and .md")
+    options = parser.parse_args()
+    th.set_num_threads(1)
+    path = None if options.out is None else options.out / "hidden_velocity.json"
+    returns: dict[str, dict[str, float]] = {}
+    if path is not None and path.is_file():
+        returns = json.loads(path.read_text())["returns"]
+    about = {"command": " ".join(["python", *sys.argv]), "steps": options.steps, "versions": library_versions()}
+    for seed in options.seeds:
+        for name in options.agents:
+            of_agent = returns.setdefault(name, {})
+            if str(seed) not in of_agent:
+                of_agent[str(seed)] = run(name, seed, options.steps)
+                print(f"{name}, seed {seed}: {of_agent[str(seed)]:.0f}", flush=True)
+            if path is not None:
+                path.write_text(json.dumps({**about, "returns": returns}, indent=1) + "\n")
+    lines = ["| agent | mean return | by seed |", "|---|---|---|"]
+    for name, of_agent in returns.items():
+        seeds = ", ".join(f"{value:.0f}" for value in of_agent.values())
+        lines.append(f"| {name} | {np.mean(list(of_agent.values())):.0f} | {seeds} |")
+    print("\n".join(lines))
+    if path is not None:
+        made_by = f"\n\nAfter {options.steps:,} steps. Made by `{about['command']}`, {about['versions']}.\n"
+        path.with_suffix(".md").write_text("\n".join(lines) + made_by)
+
+
+if __name__ == "__main__":
+    main()
