@@ -24,8 +24,9 @@ from encoder_alone import random_transitions, read_out, updates
 
 from sb3_bruno import BrunoEncoder, TaskReplayBuffer
 from sb3_bruno.encoders.base import map_memory
-from sb3_bruno.encoders.bruno import PROCESSES, Objective
+from sb3_bruno.encoders.bruno import Objective
 from sb3_bruno.evaluation import library_versions
+from sb3_bruno.maths.processes import PROCESSES
 
 CONTEXTS = (1, 10, 40)
 N_SEQUENCES = 400

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any, ClassVar, Literal, TypedDict, get_args
 
 import torch as th
@@ -20,20 +19,13 @@ from zuko.lazy import Flow
 
 from sb3_bruno.encoders.abilities import Outcomes
 from sb3_bruno.encoders.base import Loss, TaskEncoder, TaskSequences, Transitions, map_memory
-from sb3_bruno.maths.exchangeable import Distance, ExchangeableGaussian, Statistics
-from sb3_bruno.maths.exchangeable_t import ExchangeableStudentT
+from sb3_bruno.maths.exchangeable import Distance, Statistics
 from sb3_bruno.maths.flow import ConditionalFlow, Latents
+from sb3_bruno.maths.processes import PROCESSES
 from sb3_bruno.maths.standardize import Standardize
 
 NOISE_ENTROPY = 0.5 * math.log(2 * math.pi * math.e)
 """Entropy of one standard normal noise dimension, in nats."""
-
-PROCESSES: dict[str, Callable[[int], ExchangeableGaussian]] = {
-    "gaussian": ExchangeableGaussian,
-    "student_t": ExchangeableStudentT,
-    "shared_student_t": partial(ExchangeableStudentT, shared_scale=True),
-}
-"""Processes that a configuration file can name."""
 
 Modelled = Literal["rewards", "next_observations", "both"]
 Objective = Literal["paper", "holdout", "prequential"]
@@ -141,31 +133,31 @@ class BrunoEncoder(TaskEncoder[Statistics]):
         self.process = PROCESSES[process](self.latent_dim)
 
     def latents(self, transitions: Transitions, noise: Tensor | None = None) -> Tensor:
-        """z = flow(y | x) of each transition, x and y standardised.
+        """Compute z = flow(y | x) of each transition, x and y standardised.
 
         Transitions (..., dim) and noise (..., noise_dim) -> (..., latent_dim)
         """
         return self.flow.latents(*self._flow_input(transitions, noise))
 
     def latents_and_log_det(self, transitions: Transitions, noise: Tensor | None = None) -> Latents:
-        """The same, with the log-determinant of the whole map, shape (...)."""
+        """Compute z, and the log-determinant of the whole map, shape (...)."""
         z, log_det = self.flow(*self._flow_input(transitions, noise))
         return Latents(z, log_det - self.standardize_y.std.log().sum())
 
     def _flow_input(self, transitions: Transitions, noise: Tensor | None) -> tuple[Tensor, Tensor]:
-        """y with its noise, and x."""
+        """Return y with its noise, and x."""
         if noise is None:
             noise = transitions.rewards.new_zeros(*transitions.rewards.shape[:-1], self.noise_dim)
         y = self.standardize_y(self._y(transitions))
         return th.cat([y, noise], dim=-1), self.standardize_x(self._x(transitions))
 
     def _x(self, transitions: Transitions) -> Tensor:
-        """What the flow is conditioned on: (s, a) or (s, a, s')."""
+        """Return what the flow is conditioned on: (s, a) or (s, a, s')."""
         observations, actions, _, next_observations = transitions
         return th.cat([observations, actions, *([next_observations] if self._condition_on_next else [])], dim=-1)
 
     def _y(self, transitions: Transitions) -> Tensor:
-        """What is modelled, without the noise: r, s' or (r, s').
+        """Return what is modelled, without the noise: r, s' or (r, s').
 
         s' as the change s' - s, which given s has the same density and shows what a step does.
         """
@@ -210,7 +202,7 @@ class BrunoEncoder(TaskEncoder[Statistics]):
         return Loss(-bound, {"bound_nats": bound.detach()})
 
     def bound(self, transitions: Transitions, weights: Tensor | None = None) -> Tensor:
-        r"""The log-density of a sequence of T transitions, per transition, by one of three objectives.
+        r"""Bound the log-density of a sequence of T transitions, per transition, by one of three objectives.
 
         - ``"paper"``, Eq. 4: every transition given the first k, the k included
         - ``"holdout"``: those after the first k, given the first k

@@ -8,8 +8,8 @@ import torch as th
 from torch.distributions import MultivariateNormal, Normal
 
 from sb3_bruno.encoders import TaskSequences, Transitions
-from sb3_bruno.encoders.bruno import PROCESSES
 from sb3_bruno.maths.flow import ConditionalFlow
+from sb3_bruno.maths.processes import PROCESSES
 from support.small_encoder import encoder_of, transitions_of
 
 

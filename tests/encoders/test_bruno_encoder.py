@@ -6,7 +6,7 @@ import torch as th
 
 from sb3_bruno.encoders import BrunoEncoder, TaskSequences, Transitions
 from sb3_bruno.encoders.base import map_memory
-from sb3_bruno.encoders.bruno import PROCESSES
+from sb3_bruno.maths.processes import PROCESSES
 from support.small_encoder import SMALL, encoder_of, transitions_of
 
 
