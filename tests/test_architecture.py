@@ -3,6 +3,7 @@
 import ast
 import configparser
 import graphlib
+import importlib
 import sys
 from pathlib import Path
 
@@ -145,3 +146,20 @@ def test_the_quickstart_trains_with_the_zoos_hyperparameters_but_for_those_of_a_
     defaults |= {"gamma": 0.99, "tau": 0.005, "encoder_batch_size": 16}
     given = {"n_envs", "n_timesteps", *shorter, *quickstart.HYPERPARAMETERS}
     assert {key: value for key, value in config.items() if key not in given} == defaults
+
+
+@pytest.mark.parametrize(
+    ("module", "names"),
+    {
+        "sb3_bruno": "BrunoSAC BrunoTQC BrunoCrossQ BrunoTD3 BrunoEncoder TaskEncoder TaskReplayBuffer Transitions",
+        "sb3_bruno.buffers": "TaskReplayBuffer",
+        "sb3_bruno.diagnostics": "diagnose Diagnostics",
+        "sb3_bruno.encoders": "BrunoEncoder TaskEncoder Transitions Outcomes",
+        "sb3_bruno.evaluation": "evaluate_adaptation AdaptationResult library_versions",
+        "sb3_bruno.plotting": "plot_adaptation plot_learning_curves",
+        "sb3_bruno.resume": "ResumeCallback resume save_checkpoint",
+        "sb3_bruno.zoo.registry": "register",
+    }.items(),
+)
+def test_documented_imports_keep_working(module, names):
+    assert all(hasattr(importlib.import_module(module), name) for name in names.split())

@@ -150,17 +150,24 @@ def join_policy_kwargs(given: Mapping[str, Any] | None, inference: Mapping[str, 
     return {**(given or {}), **inference}
 
 
-def check_names(argument: str, given: Mapping[str, Any] | None, takes: Callable[..., Any], filled: set[str]) -> None:
+def check_names(
+    argument: str,
+    given: Mapping[str, Any] | None,
+    takes: Callable[..., Any],
+    filled: set[str],
+    error: type[Exception] = ValueError,
+) -> None:
     """Refuse names that a constructor does not take.
 
     Args:
         argument: what the names were given as, for the error.
         given: keyword arguments by name.
         takes: the constructor.
-        filled: arguments of it that are not the user's to give.
+        filled: arguments of it that the user does not give by name.
+        error: what to raise. Python raises a TypeError where a call has a wrong name.
 
     Raises:
-        ValueError: naming the nearest right name.
+        ValueError: or ``error``, naming the nearest right name.
     """
     parameters = inspect.signature(takes).parameters.values()
     if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
@@ -169,4 +176,4 @@ def check_names(argument: str, given: Mapping[str, Any] | None, takes: Callable[
     for name in (name for name in given or {} if name not in known):
         nearest = get_close_matches(name, known, n=1, cutoff=0.5)
         remedy = f"did you mean `{nearest[0]}`?" if nearest else f"it takes {', '.join(known) or 'nothing'}."
-        raise ValueError(f"`{argument}` has no `{name}`: {remedy}")
+        raise error(f"`{argument}` has no `{name}`: {remedy}")

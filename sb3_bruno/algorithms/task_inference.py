@@ -18,7 +18,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, RolloutReturn, Schedule
 
-from sb3_bruno.algorithms.arguments import join_policy_kwargs, resolve_policy
+from sb3_bruno.algorithms.arguments import check_names, join_policy_kwargs, resolve_policy
 from sb3_bruno.algorithms.beliefs import BeliefQueries
 from sb3_bruno.algorithms.carried import Carried, State
 from sb3_bruno.algorithms.checks import (
@@ -61,6 +61,7 @@ class TaskInference(BeliefQueries, EncoderTraining, OffPolicyAlgorithm):
     ratio and start of its updates are not its own then, and are refused.
 
     Raises:
+        TypeError: if an argument has a wrong name, with the nearest right one.
         ValueError: if an argument or the env cannot work, with what to do instead.
     """
 
@@ -83,6 +84,7 @@ class TaskInference(BeliefQueries, EncoderTraining, OffPolicyAlgorithm):
         critic_input: CriticInput | None = None,
         **kwargs: Any,
     ) -> None:
+        check_names(type(self).__name__, kwargs, type(self), {"policy", "env"}, TypeError)
         encoder_class = self.default_encoder if encoder_class is None else encoder_class
         check_encoder_arguments(find_encoder(encoder_class), encoder_kwargs)
         if encoder_tau is not None and not 0 < encoder_tau <= 1:

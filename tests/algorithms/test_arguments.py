@@ -76,6 +76,12 @@ def test_a_wrong_name_is_refused_with_the_nearest_right_one(settings, told):
         BrunoSAC("MlpPolicy", POINT, **settings)
 
 
+@pytest.mark.parametrize(("name", "nearest"), [("learning_rat", "learning_rate"), ("encoder_kwarg", "encoder_kwargs")])
+def test_a_wrong_argument_is_a_type_error_with_the_nearest_right_one(name, nearest):
+    with pytest.raises(TypeError, match=f"`RecurrentSAC` has no `{name}`: did you mean `{nearest}`?"):
+        RecurrentSAC("MlpPolicy", POINT, **{name: None})
+
+
 def test_names_that_are_passed_on_are_left_to_whom_they_are_passed():
     def passes_on(**kwargs):
         raise NotImplementedError

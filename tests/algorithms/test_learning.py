@@ -1,26 +1,19 @@
 """What the package is for: on a task that is hidden, plain SAC must fail and BrunoSAC succeed."""
 
-from pathlib import Path
-
 import gymnasium as gym
 import numpy as np
 import pytest
-import yaml
 from stable_baselines3 import SAC
 from stable_baselines3.common.env_util import make_vec_env
 
 from sb3_bruno import BrunoSAC
 from sb3_bruno.evaluation.adaptation import evaluate_adaptation
 from sb3_bruno_envs import POINT_DIR_TASKS
+from support.configs import settings_of, zoo_config
 
 ENV_ID = "sb3_bruno_envs:PointDir-v0"
 BEST = 30 * (1 - 0.05)  # thirty steps at full speed in the right direction
-CONFIG = yaml.safe_load((Path(__file__).parents[2] / "zoo_configs" / "bruno_sac.yml").read_text())["PointDir-v0"]
-
-
-def settings_of(config):
-    """The constructor's arguments in a zoo config."""
-    return {key: value for key, value in config.items() if key not in ("n_timesteps", "n_envs", "policy")}
+CONFIG = zoo_config("bruno_sac", "PointDir-v0")
 
 
 def returns(model, observe):
