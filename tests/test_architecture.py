@@ -69,8 +69,8 @@ def room_of(name: str) -> str:
 
 def ours(name: str) -> set[str]:
     """The modules of the package that a file imports, by their names in it."""
-    found = {one for one in imports_of(FILES[name]) if one.split(".")[0] == "sb3_bruno"}
-    return {one.removeprefix("sb3_bruno").removeprefix(".") for one in found}
+    found = {module for module in imports_of(FILES[name]) if module.split(".")[0] == "sb3_bruno"}
+    return {module.removeprefix("sb3_bruno").removeprefix(".") for module in found}
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -103,7 +103,7 @@ def test_envs_know_neither_the_algorithm_nor_torch(path):
 
 def test_the_algorithm_knows_no_env_outside_the_main_job():
     for name, path in FILES.items():
-        assert name == "quickstart" or "sb3_bruno_envs" not in {one.split(".")[0] for one in imports_of(path)}
+        assert name == "quickstart" or "sb3_bruno_envs" not in {module.split(".")[0] for module in imports_of(path)}
 
 
 def test_setup_cfg_lists_every_package_on_disk():

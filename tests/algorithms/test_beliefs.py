@@ -44,7 +44,7 @@ def test_infer_equals_the_belief_that_the_agent_carries(normalize):
     np.testing.assert_allclose(inferred.mean, carried.mean[0], rtol=1e-3, atol=1e-5)
     np.testing.assert_allclose(inferred.var, carried.var[0], rtol=1e-4)
     order = rng.permutation(14)
-    shuffled = model.infer(Transitions(*(one[order] for one in history)))
+    shuffled = model.infer(Transitions(*(column[order] for column in history)))
     np.testing.assert_allclose(shuffled.mean, inferred.mean, rtol=1e-4, atol=1e-6)
 
 
@@ -61,7 +61,7 @@ def test_batches_of_sets():
     sets = Transitions(*(rng.normal(size=(4, 6, dim)) for dim in (3, 1, 1, 3)))
     belief = model.infer(sets)
     assert belief.mean.shape == (4, 5)
-    alone = model.infer(Transitions(*(one[2] for one in sets)))
+    alone = model.infer(Transitions(*(column[2] for column in sets)))
     np.testing.assert_allclose(belief.mean[2], alone.mean, rtol=1e-5, atol=1e-7)
 
 
@@ -69,8 +69,8 @@ def test_batches_of_sets():
 def test_outcomes_come_in_the_envs_own_units(normalize):
     """An encoder that knows nothing predicts a standard normal reward, and a change as much, in what the agent sees."""
     model = make_model(normalize, modelled="both", extra_dims=0)
-    for one in model.encoder.flow.parameters():
-        one.data.zero_()  # the identity
+    for parameter in model.encoder.flow.parameters():
+        parameter.data.zero_()  # the identity
     model.encoder.standardize_y.mean.zero_()
     model.encoder.standardize_y.var.fill_(1.0)
     model.encoder.process.log_var.data.zero_()

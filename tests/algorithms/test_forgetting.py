@@ -76,7 +76,7 @@ def test_a_threshold_out_of_reach_is_plain_absorbing():
 def test_the_log_bayes_factor_is_that_of_the_predictive_densities():
     encoder = BrunoEncoder(3, 2).double()
     parts = [th.randn(5, 4, dim, dtype=th.float64) for dim in (3, 2, 1, 3)]
-    context, arrived = (Transitions(*(one[:, t] for one in parts)) for t in (slice(0, 3), 3))
+    context, arrived = (Transitions(*(column[:, t] for column in parts)) for t in (slice(0, 3), 3))
     statistics = map_memory(lambda prefixes: prefixes[:, -1], encoder.prefixes(context))
     z = encoder.latents(arrived)
     before, after = (encoder.process.predictive(memory) for memory in (encoder.empty((5,)), statistics))

@@ -28,7 +28,7 @@ def test_outputs_get_numbers_whoever_dumps(tmp_path):
         ("3", "", ""),
     ]
     events = EventAccumulator(str(tmp_path)).Reload()
-    assert [one.value for one in events.Scalars("late/twice")] == [1, 2]
+    assert [event.value for event in events.Scalars("late/twice")] == [1, 2]
 
 
 def test_what_others_record_is_left_alone():

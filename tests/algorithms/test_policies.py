@@ -69,15 +69,15 @@ def test_the_actor_never_reads_the_task_and_critics_read_what_they_should(critic
 def test_carried_belief_is_that_of_the_transitions_seen_in_any_order():
     policy = make_policy()
     seen, states = rollout(policy, make_env(), 20)
-    arrays = [{key: np.stack([one[key] for one in seen], axis=1) for key in seen[0]}]
+    arrays = [{key: np.stack([shown[key] for shown in seen], axis=1) for key in seen[0]}]
     dicts = {key: th.as_tensor(value) for key, value in arrays[0].items()}
     history = Transitions(
         dicts["observation"][:, :-1], dicts["action"][:, 1:], dicts["reward"][:, 1:], dicts["observation"][:, 1:]
     )
     order = th.randperm(19)
-    shuffled = Transitions(*(one[:, order] for one in history))
+    shuffled = Transitions(*(column[:, order] for column in history))
     with th.no_grad():
-        whole = [one[:, -1] for one in policy.encoder.prefixes(shuffled)]
+        whole = [prefixes[:, -1] for prefixes in policy.encoder.prefixes(shuffled)]
     for carried, expected in zip(states[-1], whole, strict=False):
         np.testing.assert_allclose(carried, expected, rtol=1e-4, atol=1e-5)
 
@@ -104,7 +104,7 @@ def test_predict_changes_nothing_and_repeats_itself():
     policy = make_policy()
     seen, states = rollout(policy, make_env(), 4)
     before = {name: one.clone() for name, one in policy.state_dict().items()}
-    kept = [one.copy() for one in states[-2]]
+    kept = [array.copy() for array in states[-2]]
     results = [policy.predict(seen[-1], states[-2], np.zeros(3, dtype=bool), deterministic=True) for _ in range(2)]
     np.testing.assert_array_equal(results[0][0], results[1][0])
     for one, two in zip(results[0][1], results[1][1], strict=True):
@@ -145,14 +145,14 @@ def test_a_single_env_gives_a_single_action():
 def test_normalised_dicts_keep_the_meaning_of_the_flag():
     policy, env = make_policy(), VecNormalize(make_env())
     _, states = rollout(policy, env, 45)
-    assert [int(one[0][0, 0]) for one in states] == [*range(30), *range(15)]
+    assert [int(state[0][0, 0]) for state in states] == [*range(30), *range(15)]
 
 
 @pytest.mark.parametrize("wrap", [lambda env: env, VecNormalize])
 def test_a_belief_goes_on_over_inner_resets_and_absorbs_no_transition_that_has_no_end(wrap):
     policy, env = make_policy(), wrap(make_env(2, "SparsePointGoal-v0"))
     _, states = rollout(policy, env, 65)  # a trial of three episodes of 20 steps, and the start of another
-    assert [int(one[0][1, 0]) for one in states] == [*range(20), *range(19, 39), *range(38, 58), *range(5)]
+    assert [int(state[0][1, 0]) for state in states] == [*range(20), *range(19, 39), *range(38, 58), *range(5)]
 
 
 def test_an_extended_observation_is_acted_on_as_it_is():

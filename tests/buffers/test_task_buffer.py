@@ -120,9 +120,9 @@ def test_pickling_keeps_everything_but_the_encoder():
         for one, two in zip(stream.buffer.sample(32), copied.sample(32), strict=True):
             if one is not None:
                 assert th.equal(one, two)
-    for one in (stream, copy_of(stream, copied)):  # and both go on alike, over the end of the ring
+    for each in (stream, copy_of(stream, copied)):  # and both go on alike, over the end of the ring
         for step in range(60):
-            one.add([step, 5], dones=[step % 7 == 0, False], inner_ends=[step % 7 == 3, False])
+            each.add([step, 5], dones=[step % 7 == 0, False], inner_ends=[step % 7 == 3, False])
     for name in RING:
         np.testing.assert_array_equal(getattr(stream.buffer, name), getattr(copied, name))
 

@@ -44,8 +44,8 @@ class Crossings(TorchFunctionMode):
 
     def __torch_function__(self, func, types, args=(), kwargs=None):
         kwargs = kwargs or {}
-        tensors = [one for one in tree_leaves((args, kwargs)) if isinstance(one, Tensor)]
-        on_device = [one for one in tensors if not getattr(one, "on_host", False)]
+        tensors = [leaf for leaf in tree_leaves((args, kwargs)) if isinstance(leaf, Tensor)]
+        on_device = [leaf for leaf in tensors if not getattr(leaf, "on_host", False)]
         if func in MAKERS:
             named = kwargs.get("device") is not None
             self.up += func in FROM_NUMBERS and named and not on_device
@@ -60,15 +60,15 @@ class Crossings(TorchFunctionMode):
         elif func is Tensor.numpy:
             assert not on_device, "a tensor of a GPU has no array"
         elif on_device and isinstance(func, type(th.add)):
-            strangers = [one for one in tensors if getattr(one, "on_host", False) and one.ndim > 0]
+            strangers = [tensor for tensor in tensors if getattr(tensor, "on_host", False) and tensor.ndim > 0]
             assert not strangers, f"{func} mixes tensors of host and device"
         return self._mark(func(*args, **kwargs), on_host=bool(tensors) and not on_device)
 
     def _mark(self, result, on_host):
         if on_host:
-            for one in tree_leaves(result):
-                if isinstance(one, Tensor):
-                    one.on_host = True
+            for leaf in tree_leaves(result):
+                if isinstance(leaf, Tensor):
+                    leaf.on_host = True
         return result
 
 
@@ -88,11 +88,11 @@ def make(algorithm, **kwargs):
     return algorithm("MlpPolicy", env, device="cpu", **options, **own, **kwargs).learn(80)
 
 
-@pytest.mark.parametrize(("ours", "theirs"), PAIRS, ids=lambda one: one.__name__)
+@pytest.mark.parametrize(("ours", "theirs"), PAIRS, ids=lambda algorithm: algorithm.__name__)
 def test_training_waits_for_no_number_and_sends_little(ours, theirs):
     model, plain = make(ours, encoder_update_ratio=1), make(theirs)
-    for one in (model, plain):
-        one.train(3, 256)  # optimisers make their state, that of a delayed actor too
+    for each in (model, plain):
+        each.train(3, 256)  # optimisers make their state, that of a delayed actor too
     for gradient_steps in (1, 2, 8):
         up, down = crossings(lambda n=gradient_steps: model.train(n, 256))
         up_plain, down_plain = crossings(lambda n=gradient_steps: plain.train(n, 256))
@@ -108,20 +108,20 @@ def test_training_waits_for_no_number_and_sends_little(ours, theirs):
 @pytest.mark.parametrize("process", ["gaussian", "shared_student_t"])
 def test_so_it_is_with_every_process(process):
     model, plain = make(BrunoSAC, encoder_kwargs={"process": process}), make(SAC)
-    for one in (model, plain):
-        one.train(3, 256)
-    counts = [crossings(lambda one=one: one.train(8, 256)) for one in (model, plain)]
+    for each in (model, plain):
+        each.train(3, 256)
+    counts = [crossings(lambda each=each: each.train(8, 256)) for each in (model, plain)]
     assert counts[0][1] == counts[1][1] and counts[0][0] <= counts[1][0]
     observation = model.get_env().reset()
     assert crossings(lambda: model.predict(observation)) == (1, 2)
 
 
-@pytest.mark.parametrize(("ours", "theirs"), PAIRS, ids=lambda one: one.__name__)
+@pytest.mark.parametrize(("ours", "theirs"), PAIRS, ids=lambda algorithm: algorithm.__name__)
 def test_a_rollout_step_crosses_as_often_as_sb3s(ours, theirs):
     model, plain = make(ours, gradient_steps=0), make(theirs, gradient_steps=0)
     model.learning_starts = plain.learning_starts = 0
     steps = 40  # an episode ends among them
-    counts = [crossings(lambda one=one: one.learn(2 * steps, reset_num_timesteps=False)) for one in (model, plain)]
+    counts = [crossings(lambda each=each: each.learn(2 * steps, reset_num_timesteps=False)) for each in (model, plain)]
     assert counts[0] == counts[1] == (steps, steps)
 
 
@@ -131,7 +131,7 @@ def test_predict_takes_two_transfers_each_way():
     assert crossings(lambda: model.predict(observation)) == (1, 2)
     _, state = model.predict(observation)
     assert crossings(lambda: model.predict(observation, state)) == (2, 2)
-    assert all(isinstance(one, np.ndarray) for one in state)
+    assert all(isinstance(array, np.ndarray) for array in state)
 
 
 def test_a_line_of_the_log_waits_once():
@@ -144,8 +144,8 @@ def test_a_line_of_the_log_waits_once():
 def test_arrays_come_back_as_they_were():
     arrays = [np.arange(6, dtype=np.float32).reshape(3, 2), np.ones((3, 1), dtype=bool), np.zeros((3, 4))]
     tensors = to_device(arrays, "cpu")
-    assert [tuple(one.shape) for one in tensors] == [(3, 2), (3, 1), (3, 4)]
-    assert all(one.dtype == th.float32 for one in tensors)
+    assert [tuple(tensor.shape) for tensor in tensors] == [(3, 2), (3, 1), (3, 4)]
+    assert all(tensor.dtype == th.float32 for tensor in tensors)
     for one, back in zip(arrays, to_host(tensors), strict=True):
         np.testing.assert_array_equal(one, back)
     arrays[0][:] = -1  # an env may reuse its array

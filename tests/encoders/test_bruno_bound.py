@@ -36,7 +36,7 @@ def test_holdout_scores_what_comes_after_the_context_alone(monkeypatch, process)
     scored = [encoder.process.log_predictive(context, z[:, t]) + log_det[:, t] for t in range(3, 8)]
     assert encoder.bound(transitions).item() == pytest.approx(th.stack(scored).mean().item(), rel=1e-9)
     with pytest.raises(ValueError, match=r"`transitions` has 1 in a sequence: .* needs 2"):
-        encoder.bound(Transitions(*(one[:, :1] for one in transitions)))
+        encoder.bound(Transitions(*(column[:, :1] for column in transitions)))
 
 
 @pytest.mark.parametrize("process", PROCESSES)
@@ -99,7 +99,7 @@ def test_padding_of_weight_zero_changes_nothing(monkeypatch, process, objective)
 
 def test_only_training_moves_the_statistics():
     encoder, transitions = encoder_of(), transitions_of(4, 20)
-    before = [one.clone() for one in encoder.buffers()]
+    before = [buffer.clone() for buffer in encoder.buffers()]
     sequences = TaskSequences(transitions, th.zeros(4, 1))
     encoder.eval().loss(sequences)
     encoder.train().bound(transitions)

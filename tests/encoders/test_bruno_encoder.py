@@ -49,7 +49,7 @@ def test_a_transition_of_weight_zero_is_as_if_it_were_not_there():
     transitions, encoder = transitions_of(2, 5), encoder_of()
     weights = th.tensor([1.0, 1.0, 0.0, 1.0, 0.0], dtype=th.float64).expand(2, 5)
     found = encoder.prefixes(transitions, weights=weights)
-    left = encoder.prefixes(type(transitions)(*(one[:, [0, 1, 3]] for one in transitions)))
+    left = encoder.prefixes(type(transitions)(*(column[:, [0, 1, 3]] for column in transitions)))
     for one, two in zip(found, left, strict=True):
         th.testing.assert_close(one, two[:, [0, 1, 2, 2, 3, 3]])
     assert not th.allclose(found[1], encoder.prefixes(transitions)[1])
@@ -65,7 +65,7 @@ def test_absorbing_one_by_one_equals_all_prefixes_at_once(process):
         for carried, prefix in zip(statistics, prefixes, strict=True):
             th.testing.assert_close(carried, prefix[:, t])
         if t < 9:
-            now = Transitions(*(one[:, t] for one in transitions))
+            now = Transitions(*(column[:, t] for column in transitions))
             statistics = encoder.absorb(statistics, now, noise[:, t])
 
 

@@ -5,7 +5,7 @@ import pytest
 from support.tiny_models import ALGORITHMS, POINT, TINY, make_pendulum
 
 
-@pytest.fixture(scope="module", params=ALGORITHMS, ids=lambda one: one.__name__)
+@pytest.fixture(scope="module", params=ALGORITHMS, ids=lambda algorithm: algorithm.__name__)
 def algorithm(request):
     return request.param
 

@@ -159,8 +159,8 @@ def test_what_is_believed_of_matrices(make_model, normalize):
     env = VecNormalize(env, norm_reward=False, norm_obs_keys=["observation", "reward"]) if normalize else env
     model = make_model(env, encoder_kwargs={"modelled": "both"}).learn(60)
     rng = np.random.default_rng(0)
-    seen, actions, rewards, arrived = (rng.uniform(-1, 1, (5, 7, *one)) for one in ((2, 3), (2, 2), (1,), (2, 3)))
-    flat = [one.reshape(5, 7, -1) for one in (seen, actions, rewards, arrived)]
+    seen, actions, rewards, arrived = (rng.uniform(-1, 1, (5, 7, *shape)) for shape in ((2, 3), (2, 2), (1,), (2, 3)))
+    flat = [array.reshape(5, 7, -1) for array in (seen, actions, rewards, arrived)]
     belief, of_flat = model.infer(Transitions(seen, actions, rewards, arrived)), model.infer(Transitions(*flat))
     np.testing.assert_array_equal(belief.mean, of_flat.mean)
     outcomes = model.predict_outcomes(belief, seen[:, 0], actions[:, 0], n_samples=50)

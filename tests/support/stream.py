@@ -91,7 +91,7 @@ class Stream:
         np.testing.assert_allclose(samples.next_observations[:, LAYOUT.observation], number + 0.5)
         np.testing.assert_allclose(samples.rewards, 10 * number)
         np.testing.assert_allclose(samples.actions, number / 1_000, rtol=1e-6)
-        tasks = np.array([self.task_of[int(one)] for one in number[:, 0]])
+        tasks = np.array([self.task_of[int(i)] for i in number[:, 0]])
         for observations in (samples.observations, samples.next_observations):
             np.testing.assert_array_equal(observations[:, LAYOUT.task][:, 0], tasks)
         seen, after = samples.observations[:, LAYOUT.belief], samples.next_observations[:, LAYOUT.belief]

@@ -49,8 +49,13 @@ def make_point():
 
 def for_each_that_takes(*options):
     """Run a test for every algorithm with each of the options that it has an argument for."""
-    pairs = [(one, option) for one in ALGORITHMS for option in options if option.keys() <= arguments_of(one)]
-    names = [f"{one.__name__}-{name_of(option)}" for one, option in pairs]
+    pairs = [
+        (algorithm, option)
+        for algorithm in ALGORITHMS
+        for option in options
+        if option.keys() <= arguments_of(algorithm)
+    ]
+    names = [f"{algorithm.__name__}-{name_of(option)}" for algorithm, option in pairs]
     return pytest.mark.parametrize(("algorithm", "options"), pairs, indirect=["algorithm"], ids=names, scope="module")
 
 
