@@ -183,12 +183,18 @@ class TaskReplayBuffer(TaskRing):
         slots, drawn, lengths = self._context_slots(n_sequences)
         sequences = self._sequences(slots, drawn, lengths, env)
         transitions, tasks, weights = sequences
-        learns = encoder.learns_from != "own"
-        # Inference mode is faster than no_grad. What is joined below is ordinary again, as gradients need it.
-        with th.enable_grad() if learns else th.inference_mode():
-            beliefs = encoder.belief(encoder.prefixes(transitions, weights))
-        gradient = BeliefGradient(sequences, beliefs[:, :-1], self._layout.belief) if learns else None
-        beliefs = beliefs.detach()
+        gradient = None
+        if encoder.learns_from == "own":
+            # Inference mode is faster than no_grad. What is joined below is ordinary again, as gradients need it.
+            with th.inference_mode():
+                beliefs = encoder.belief(encoder.prefixes(transitions, weights))
+        else:
+            encoder.train()  # or cuDNN keeps nothing for the backward pass of a recurrent network
+            with th.enable_grad():
+                beliefs = encoder.belief(encoder.prefixes(transitions, weights))
+            encoder.eval()
+            gradient = BeliefGradient(sequences, beliefs[:, :-1], self._layout.belief)
+            beliefs = beliefs.detach()
         later = beliefs
         if self._target_encoder is not None:
             with th.inference_mode():

@@ -94,11 +94,12 @@ class RecurrentEncoder(TaskEncoder[RecurrentMemory]):
 
     def absorb(self, memory: RecurrentMemory, transitions: Transitions) -> RecurrentMemory:
         x = self.features(th.cat(transitions, dim=-1))
-        one_step, carried = x.reshape(-1, 1, x.shape[-1]), memory.hidden.reshape(1, -1, self.belief_dim)
+        one_step = x.reshape(-1, 1, x.shape[-1])
+        hidden, cell = (states.reshape(1, len(one_step), -1).contiguous() for states in memory)  # as cuDNN needs them
         if self._is_lstm:
-            _, (hidden, cell) = self.rnn(one_step, (carried, memory.cell.reshape(1, -1, self.belief_dim)))
+            _, (hidden, cell) = self.rnn(one_step, (hidden, cell))
             return RecurrentMemory(hidden.reshape(x.shape), cell.reshape(x.shape))
-        _, hidden = self.rnn(one_step, carried)
+        _, hidden = self.rnn(one_step, hidden)
         return RecurrentMemory(hidden.reshape(x.shape), memory.cell)
 
     def prefixes(self, transitions: Transitions, weights: Tensor | None = None) -> RecurrentMemory:

@@ -112,6 +112,21 @@ def test_the_encoders_gradient_is_clipped_and_its_norm_logged(monkeypatch):
     assert model.logger.name_to_value["encoder/gradient_norm"] > 1e-3
 
 
+def test_it_is_encoded_in_training_mode_where_it_learns_and_acts_in_the_other(monkeypatch):
+    model = make_model(encoder_tau=0.5)
+    modes = {model.encoder: [], model.policy.encoder_target: []}
+    for encoder, seen in modes.items():
+        prefixes = encoder.prefixes
+        watched = lambda *args, encoder=encoder, seen=seen, prefixes=prefixes: (  # noqa: E731
+            seen.append((encoder.training, th.is_grad_enabled())) or prefixes(*args)
+        )
+        monkeypatch.setattr(encoder, "prefixes", watched)
+    model.train(1, 16)
+    assert modes[model.encoder] == [(True, True), (False, False)]  # its samples, then the running episodes
+    assert modes[model.policy.encoder_target] == [(False, False)]
+    assert not model.encoder.training
+
+
 def test_running_episodes_are_encoded_again_after_each_round_of_updates():
     model = make_model(steps=86, encoder_learning_rate=0.1)
     model.train(8, 16)
