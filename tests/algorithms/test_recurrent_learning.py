@@ -26,9 +26,9 @@ SETTINGS = {
 
 
 def swing_up(shown):
-    """Pendulum, its velocity hidden, with episodes of 100 steps. An agent that swings it up returns about -150."""
+    """Pendulum that shows its angular velocity alone, with episodes of 100 steps. Who sees the angle returns -130."""
     env = gym.make("Pendulum-v1", max_episode_steps=100)
-    env = TransformObservation(env, lambda observation: observation[:2], Box(-1.0, 1.0, (2,)))
+    env = TransformObservation(env, lambda observation: observation[2:], Box(-8.0, 8.0, (1,)))
     return TransitionObservation(MetaTask(env)) if shown else env
 
 
@@ -39,14 +39,14 @@ def mean_return(algorithm, shown, n_timesteps, **kwargs):
 
 
 @pytest.mark.slow
-def test_recurrent_sac_swings_up_a_pendulum_whose_velocity_is_hidden():
+def test_recurrent_sac_swings_up_a_pendulum_whose_angle_is_hidden():
     kwargs = {"encoder_kwargs": {"cell": "lstm"}, "encoder_learning_rate": 1e-3}
-    assert mean_return(RecurrentSAC, True, 10_000, **kwargs) > -700
+    assert mean_return(RecurrentSAC, True, 8_000, **kwargs) > -400
 
 
 @pytest.mark.slow
 def test_plain_sac_cannot():
-    assert mean_return(SAC, False, 10_000) < -1_000
+    assert mean_return(SAC, False, 8_000) < -550
 
 
 @pytest.mark.slow

@@ -1,6 +1,6 @@
-"""Train agents on Pendulum with its velocity hidden: one that sees it, one without memory, and recurrent ones.
+"""Train agents on Pendulum with its angle hidden: one that sees it, one without memory, and recurrent ones.
 
-    python benchmarks/hidden_velocity.py --out docs/results
+    python benchmarks/hidden_angle.py --out docs/results
 
 Each agent learns for the same number of environment steps and is then tested, deterministically, on 20 episodes. Prints
 the mean return of each seed. A run that is already in the JSON file of ``--out`` is not made again.
@@ -45,17 +45,22 @@ RATES = (1e-4, 1e-3)  # of the encoder
 
 
 def swing_up(hidden: bool, shown: bool = False) -> gym.Env[Any, Any]:
-    """Make Pendulum-v1 with episodes of 100 steps, its velocity hidden, its last action and reward shown."""
+    """Make Pendulum-v1 with episodes of 100 steps.
+
+    Args:
+        hidden: show the angular velocity alone, and hide the angle.
+        shown: show the last action and reward, as recurrent agents need them.
+    """
     env: gym.Env[Any, Any] = gym.make("Pendulum-v1", max_episode_steps=100)
     if hidden:
-        env = TransformObservation(env, lambda observation: observation[:2], Box(-1.0, 1.0, (2,)))
+        env = TransformObservation(env, lambda observation: observation[2:], Box(-8.0, 8.0, (1,)))  # rad/s
     return TransitionObservation(MetaTask(env)) if shown else env
 
 
 def agents() -> dict[str, tuple[type[SAC], dict[str, Any], dict[str, Any]]]:
     """List the agents by name: class, further settings, arguments of ``swing_up``."""
     found: dict[str, tuple[type[SAC], dict[str, Any], dict[str, Any]]] = {
-        "SAC, sees the velocity": (SAC, {}, {"hidden": False}),
+        "SAC, sees the angle": (SAC, {}, {"hidden": False}),
         "SAC": (SAC, {}, {"hidden": True}),
     }
     for name, settings in RECURRENT.items():
@@ -81,10 +86,10 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--steps", type=int, default=12_000, help="of training, over all environments")
     parser.add_argument("--agents", nargs="+", default=list(agents()), choices=list(agents()), metavar="NAME")
-    parser.add_argument("--out", type=Path, help="folder for hidden_velocity.json and .md")
+    parser.add_argument("--out", type=Path, help="folder for hidden_angle.json and .md")
     options = parser.parse_args()
     th.set_num_threads(1)
-    path = None if options.out is None else options.out / "hidden_velocity.json"
+    path = None if options.out is None else options.out / "hidden_angle.json"
     returns: dict[str, dict[str, float]] = {}
     if path is not None and path.is_file():
         returns = json.loads(path.read_text())["returns"]
