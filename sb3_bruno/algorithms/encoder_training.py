@@ -117,7 +117,7 @@ class EncoderTraining(OffPolicyAlgorithm):
         self._gradient_norms: list[Tensor] = []
         super().train(gradient_steps, batch_size)
         self._learn_from_samples()
-        norms = self._gradient_norms
+        norms, self._gradient_norms = self._gradient_norms, []  # a saved model holds no tensor of some device
         self._finish_updates(len(norms), {"gradient_norm": th.stack(norms).mean()} if norms else {})
 
     def _drop_gradient(self, *_: Any) -> None:

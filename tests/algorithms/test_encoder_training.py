@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 import torch as th
 from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.save_util import load_from_zip_file
+from torch.utils._pytree import tree_leaves
 
 from sb3_bruno import BrunoSAC, RecurrentCrossQ, RecurrentSAC, RecurrentTD3, RecurrentTQC
 from sb3_bruno.buffers.critic_gradient import BeliefGradient
@@ -95,6 +97,14 @@ def test_every_algorithm_teaches_its_encoder_also_after_loading(tmp_path, algori
     loaded.train(6, 16)
     changed = [not th.equal(old, new) for old, new in zip(before, loaded.encoder.parameters(), strict=True)]
     assert all(changed)
+
+
+def test_a_saved_model_holds_no_tensor_of_some_device(tmp_path):
+    model = make_model()
+    model.train(4, 16)
+    model.save(tmp_path / "model.zip")
+    data, _, _ = load_from_zip_file(tmp_path / "model.zip")
+    assert not [leaf for leaf in tree_leaves(data) if isinstance(leaf, th.Tensor)]
 
 
 def test_the_encoders_gradient_is_clipped_and_its_norm_logged(monkeypatch):
