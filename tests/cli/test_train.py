@@ -14,7 +14,7 @@ import yaml
 from moviepy import VideoFileClip
 from stable_baselines3.common.monitor import load_results
 
-from sb3_bruno import BrunoSAC
+from sb3_bruno import BrunoSAC, RecurrentEncoder
 from sb3_bruno.cli.main import COMMANDS, main
 from sb3_bruno.diagnostics.result import Diagnostics
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
@@ -55,6 +55,17 @@ def test_siblings_and_oracle_have_the_numbers_of_bruno_sac():
         for env, config in yaml.safe_load(path.read_text()).items():
             for key in (config.keys() & ours[env].keys()) - {"policy_kwargs"}:
                 assert config[key] == ours[env][key], f"{path.name} {env} {key}"
+
+
+def test_a_config_file_chooses_the_encoder_by_its_name(run, tmp_path):
+    config = {"policy": "MlpPolicy", "n_timesteps": 240, "n_envs": 2, "encoder_class": "recurrent"}
+    config |= {"encoder_kwargs": {"hidden_size": 8}, "learning_starts": 100, "batch_size": 16}
+    (tmp_path / "mine.yml").write_text(yaml.safe_dump({"PointDir-v0": config}))
+    chosen = ["--algo", "bruno_sac", "--env", "PointDir-v0"]
+    assert run("train", *chosen, "-conf", "mine.yml", "--eval-freq", -1)[1] == ""
+    model = BrunoSAC.load(tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip")
+    assert isinstance(model.encoder, RecurrentEncoder) and model.encoder.belief_dim == 8
+    assert "mean" in run("evaluate", *chosen, "--episodes", 1)[0]
 
 
 def test_train_evaluate_enjoy_record_and_plot(run, tmp_path):
