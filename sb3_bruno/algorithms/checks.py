@@ -102,7 +102,7 @@ def check_buffer(buffer: ReplayBuffer | None, n_envs: int, encoder: TaskEncoder)
 
 
 def _check_loaded(model: OffPolicyAlgorithm) -> None:
-    """Refuse arguments of ``load`` about how encoder and policy are built, where they differ from what was saved.
+    """Refuse what ``load`` was told about how encoder and policy are built, where it differs from what was saved.
 
     SB3's ``load`` makes attributes of its arguments, and builds the policy by what was saved.
     """
@@ -113,6 +113,12 @@ def _check_loaded(model: OffPolicyAlgorithm) -> None:
                 given, built = find_encoder(given), find_encoder(built)
             if (given or {}) != (built or {}):
                 raise ValueError(f"`{name}={given!r}` is not what the model was saved with, {built!r}: leave it out.")
+    has_target, tau = model.policy_kwargs["target_encoder"], vars(model)["encoder_tau"]
+    if tau is not None and not 0 < tau <= 1:
+        raise ValueError(f"`encoder_tau` must be in (0, 1], got {tau}: None makes no target encoder.")
+    if has_target != (tau is not None):
+        kind = "with a target encoder" if has_target else "without a target encoder"
+        raise ValueError(f"`encoder_tau={tau}` does not fit a model that was saved {kind}: leave it out.")
 
 
 def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Space[Any]) -> None:

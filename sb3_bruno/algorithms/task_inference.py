@@ -87,8 +87,6 @@ class TaskInference(BeliefQueries, EncoderTraining, OffPolicyAlgorithm):
         check_names(type(self).__name__, kwargs, type(self), {"policy", "env"}, TypeError)
         encoder_class = self.default_encoder if encoder_class is None else encoder_class
         check_encoder_arguments(find_encoder(encoder_class), encoder_kwargs)
-        if encoder_tau is not None and not 0 < encoder_tau <= 1:
-            raise ValueError(f"`encoder_tau` must be in (0, 1], got {encoder_tau}: None makes no target encoder.")
         self.encoder_learning_rate = encoder_learning_rate
         self.encoder_batch_size = encoder_batch_size
         self.encoder_update_ratio = encoder_update_ratio

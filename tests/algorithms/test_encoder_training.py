@@ -185,6 +185,16 @@ def test_the_target_encoder_follows_slowly_and_makes_the_next_beliefs():
             th.testing.assert_close(row[layout.belief].detach(), beliefs[step])
 
 
+def test_a_saved_model_keeps_its_target_encoder_or_its_lack_of_one(tmp_path):
+    for tau, other, told in ((None, 0.1, "without a target encoder"), (0.1, None, "with a target encoder")):
+        model = make_model(steps=4, encoder_tau=tau)
+        model.save(tmp_path / "model.zip")
+        loaded = RecurrentSAC.load(tmp_path / "model.zip", device="cpu")
+        assert (loaded.policy.encoder_target is None, loaded.encoder_tau) == (tau is None, tau)
+        with pytest.raises(ValueError, match=told):
+            RecurrentSAC.load(tmp_path / "model.zip", device="cpu", encoder_tau=other)
+
+
 def test_without_a_target_encoder_there_is_none():
     assert make_model(steps=4).policy.encoder_target is None
 
