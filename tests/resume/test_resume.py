@@ -84,7 +84,7 @@ class EzPickled(gym.Wrapper, EzPickle):
 
 def fingerprint(model):
     tensors = [tensor for part in model.get_parameters().values() for tensor in _tensors(part)]
-    arrays = [model.replay_buffer.observations, model.replay_buffer.rewards, *model._belief_state]
+    arrays = [model.replay_buffer.observations, model.replay_buffer.rewards, *model._carried.pack()]
     return [tensor.detach().clone() for tensor in tensors] + [th.as_tensor(array).clone() for array in arrays]
 
 

@@ -103,7 +103,7 @@ class Watch(BaseCallback):
 
     def _on_step(self):
         model = self.model
-        self.steps.append(deepcopy((model._last_episode_starts, model._last_obs, model._next_belief_state)))
+        self.steps.append(deepcopy((model._last_episode_starts, model._last_obs, model._next_carried)))
         return True
 
 
@@ -115,7 +115,7 @@ def test_beliefs_in_the_buffer_are_those_of_the_rollout_at_every_step(make_model
     layout, encoder = model.policy.layout, model.encoder
     begins, shown, states = zip(*watch.steps, strict=True)
     with th.no_grad():
-        beliefs = [encoder.belief(tuple(map(th.as_tensor, state[:-1]))).numpy() for state in states]
+        beliefs = [encoder.belief(carried.memory).numpy() for carried in states]
     step_of = {seen["observation"][env].tobytes(): (step, env) for step, seen in enumerate(shown) for env in (0, 1)}
     met, inner_ends = set(), 0
     for _ in range(60):
@@ -144,8 +144,8 @@ def test_the_running_trial_is_encoded_again_as_the_agent_would_see_it(make_model
     for begins, seen, _ in watch.steps:
         _, state = model.policy.extend(seen, state, begins)
     absorbed = n_steps - 1 - (n_steps - 1) // 20
-    assert state[0][:, 0].tolist() == [absorbed] * 2
-    for carried, expected in zip(model._belief_state, state, strict=True):
+    assert state.memory[0][:, 0].tolist() == [absorbed] * 2
+    for carried, expected in zip(model._carried.memory, state.memory, strict=True):
         np.testing.assert_allclose(carried, expected, rtol=1e-4, atol=1e-5)
 
 

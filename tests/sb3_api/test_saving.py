@@ -7,7 +7,7 @@ import pytest
 from stable_baselines3 import SAC
 from stable_baselines3.common.env_util import make_vec_env
 
-from sb3_bruno.buffers.task_buffer import _RING as RING
+from sb3_bruno.buffers.task_ring import _RING as RING
 from support.tiny_models import POINT, TINY, assert_same, for_each_that_takes, make_pendulum, rollout
 
 
@@ -111,7 +111,7 @@ def test_a_replay_buffer_may_be_loaded_in_mid_episode(make_model, tmp_path, trun
     model.load_replay_buffer(tmp_path / "buffer", truncate_last_traj=truncate)
     model.learn(5, reset_num_timesteps=False)
     _, length = model.replay_buffer.episodes.holding(np.array([54]))
-    assert length[0] == (5 if truncate else 25) == model._belief_state[0].item() + 1
+    assert length[0] == (5 if truncate else 25) == model._carried.memory[0].item() + 1
 
 
 def test_a_replay_buffer_of_another_number_of_envs_is_refused(make_model, tmp_path):

@@ -103,7 +103,7 @@ def test_to_learn_on_after_a_stop_in_mid_episode_begins_new_episodes(make_model,
     assert (model.num_timesteps, model.replay_buffer.size()) == (75, 74)
     slots, lengths = model.replay_buffer.episodes.holding(np.array([28, 29, 59]))
     assert lengths.tolist() == [29, 30, 15] and slots[:, 0].tolist() == [0, 29, 59]
-    assert model._belief_state[0].item() == 14  # the fifteenth comes with the next observation
+    assert model._carried.memory[0].item() == 14  # the fifteenth comes with the next observation
 
 
 def test_tensorboard_shows_encoder_and_belief(algorithm, make_model, tmp_path):
