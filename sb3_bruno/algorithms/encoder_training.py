@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -46,7 +48,7 @@ class EncoderTraining(OffPolicyAlgorithm):
     _carried: Carried | None
 
     def _setup_encoder_training(self) -> None:
-        """Make the encoder's optimiser, and attach what teaches it to the others'."""
+        """Make the encoder's optimiser."""
         encoder = self.encoder
         updates = ("encoder_batch_size", "encoder_update_ratio", "encoder_learning_starts")
         check_encoder_updates(encoder, {name: getattr(self, name) for name in updates})
@@ -56,14 +58,6 @@ class EncoderTraining(OffPolicyAlgorithm):
         rate = encoder.learning_rate if self.encoder_learning_rate is None else self.encoder_learning_rate
         self.encoder_lr_schedule = FloatSchedule(rate)
         self.encoder_optimizer = th.optim.Adam(encoder.parameters(), lr=self.encoder_lr_schedule(1), fused=True)
-        self.encoder_optimizer.register_step_post_hook(self._follow_slowly)
-        actor: Any = self.policy.actor
-        critic: Any = self.policy.critic
-        if encoder.learns_from == "critic":
-            critic.optimizer.register_step_pre_hook(self._collect_gradient)
-        elif encoder.learns_from == "actor":
-            critic.optimizer.register_step_pre_hook(self._drop_gradient)
-            actor.optimizer.register_step_pre_hook(self._collect_gradient)
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Update the encoder and the actor-critic, the latter as SB3 does, on beliefs of the encoder as it is now."""
@@ -115,10 +109,32 @@ class EncoderTraining(OffPolicyAlgorithm):
         self._set_learning_rate()
         self.replay_buffer.forget_beliefs()
         self._gradient_norms: list[Tensor] = []
-        super().train(gradient_steps, batch_size)
+        with self._hooks():
+            super().train(gradient_steps, batch_size)
         self._learn_from_samples()
         norms, self._gradient_norms = self._gradient_norms, []  # a saved model holds no tensor of some device
         self._finish_updates(len(norms), {"gradient_norm": th.stack(norms).mean()} if norms else {})
+
+    @contextmanager
+    def _hooks(self) -> Iterator[None]:
+        """Hook what teaches the encoder into the optimisers of actor and critics, for the time of their updates.
+
+        A hook does not outlive a copy of its optimiser, so none is left there.
+        """
+        actor: Any = self.policy.actor
+        critic: Any = self.policy.critic
+        if self.encoder.learns_from == "critic":
+            hooks = [critic.optimizer.register_step_pre_hook(self._collect_gradient)]
+        else:
+            hooks = [
+                critic.optimizer.register_step_pre_hook(self._drop_gradient),
+                actor.optimizer.register_step_pre_hook(self._collect_gradient),
+            ]
+        try:
+            yield
+        finally:
+            for hook in hooks:
+                hook.remove()
 
     def _drop_gradient(self, *_: Any) -> None:
         """Forget the gradient of a loss that does not teach the encoder. A hook of its optimiser."""
@@ -157,10 +173,11 @@ class EncoderTraining(OffPolicyAlgorithm):
         if limit is not None:
             norm = th.nn.utils.clip_grad_norm_(self.encoder.parameters(), limit)
         self.encoder_optimizer.step()
+        self._follow_slowly()
         return norm
 
-    def _follow_slowly(self, *_: Any) -> None:
-        """Move the target encoder after the encoder. A hook of the encoder's optimiser."""
+    def _follow_slowly(self) -> None:
+        """Move the target encoder after the encoder."""
         target = self.policy.encoder_target
         if target is not None and self.encoder_tau is not None:
             polyak_update(self.encoder.parameters(), target.parameters(), self.encoder_tau)
