@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,7 +19,7 @@ from sb3_bruno.algorithms.late_log import log_late
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.encoders import HasPosterior, Loss, TaskEncoder
-from sb3_bruno.encoders.base import map_memory
+from sb3_bruno.encoders.base import map_memory, training_mode
 
 RECALLED = 64
 """Transitions of each running episode that a round of updates may encode again, on average over rounds."""
@@ -84,13 +84,9 @@ class EncoderTraining(OffPolicyAlgorithm):
         if n_updates == 0:
             return
         self._set_learning_rate()
-        self.encoder.train()
-        losses = [loss for loss in (self._update_encoder() for _ in range(n_updates)) if loss is not None]
-        self.encoder.eval()
-        names = losses[0].scalars if losses else ()
-        self._finish_updates(
-            len(losses), {name: th.stack([loss.scalars[name] for loss in losses]).mean() for name in names}
-        )
+        with training_mode(self.encoder):
+            losses = [self._update_encoder() for _ in range(n_updates)]
+        self._finish_updates([loss.scalars for loss in losses if loss is not None])
 
     def _update_encoder(self) -> Loss | None:
         """Take one step down the encoder's own loss; None if it has none."""
@@ -108,12 +104,12 @@ class EncoderTraining(OffPolicyAlgorithm):
         """Let SB3 update the actor-critic; the encoder learns from its samples, after each encode."""
         self._set_learning_rate()
         self.replay_buffer.forget_beliefs()
-        self._gradient_norms: list[Tensor] = []
+        self._scalars_of_updates: list[Mapping[str, Tensor]] = []
         with self._hooks():
             super().train(gradient_steps, batch_size)
         self._learn_from_samples()
-        norms, self._gradient_norms = self._gradient_norms, []  # a saved model holds no tensor of some device
-        self._finish_updates(len(norms), {"gradient_norm": th.stack(norms).mean()} if norms else {})
+        scalars, self._scalars_of_updates = self._scalars_of_updates, []  # a saved model holds no tensor of some device
+        self._finish_updates(scalars)
 
     @contextmanager
     def _hooks(self) -> Iterator[None]:
@@ -153,10 +149,15 @@ class EncoderTraining(OffPolicyAlgorithm):
             return
         self.encoder_optimizer.zero_grad()
         gradient.backward()
-        own = self.encoder.loss(gradient.sequences)
+        with training_mode(self.encoder):
+            own = self.encoder.loss(gradient.sequences)
         if own is not None:
             own.total.backward()
-        self._gradient_norms.append(self._step_encoder())
+        found = [parameter.grad for parameter in self.encoder.parameters() if parameter.grad is not None]
+        norm = th.nn.utils.get_total_norm(found)  # before it is clipped
+        scalars = {} if own is None else {name: scalar.detach() for name, scalar in own.scalars.items()}
+        self._scalars_of_updates.append({**scalars, "gradient_norm": norm})
+        self._step_encoder()
         self.replay_buffer.forget_beliefs()
 
     # -- both ------------------------------------------------------------------------------------------------
@@ -166,15 +167,12 @@ class EncoderTraining(OffPolicyAlgorithm):
         update_learning_rate(self.encoder_optimizer, learning_rate)
         self.logger.record("encoder/learning_rate", learning_rate)
 
-    def _step_encoder(self) -> Tensor:
-        """Clip the gradient and take a step. Returns the gradient's norm before, shape ()."""
-        limit = self.encoder.max_grad_norm
-        norm = th.zeros(())
-        if limit is not None:
-            norm = th.nn.utils.clip_grad_norm_(self.encoder.parameters(), limit)
+    def _step_encoder(self) -> None:
+        """Clip the gradient, take a step, and let the target encoder follow."""
+        if self.encoder.max_grad_norm is not None:
+            th.nn.utils.clip_grad_norm_(self.encoder.parameters(), self.encoder.max_grad_norm)
         self.encoder_optimizer.step()
         self._follow_slowly()
-        return norm
 
     def _follow_slowly(self) -> None:
         """Move the target encoder after the encoder."""
@@ -183,12 +181,15 @@ class EncoderTraining(OffPolicyAlgorithm):
             polyak_update(self.encoder.parameters(), target.parameters(), self.encoder_tau)
             polyak_update(self.encoder.buffers(), target.buffers(), 1.0)
 
-    def _finish_updates(self, n_updates: int, scalars: dict[str, Tensor]) -> None:
-        self._n_encoder_updates += n_updates
+    def _finish_updates(self, scalars: Sequence[Mapping[str, Tensor]]) -> None:
+        """Encode the running episodes again, and log the mean of what each of the updates has to tell."""
+        self._n_encoder_updates += len(scalars)
         self._recall_running_episodes()
         self.logger.record("encoder/n_updates", self._n_encoder_updates, exclude="tensorboard")
-        scalars = {**scalars, **self.encoder.diagnostics()}
-        log_late(self.logger, {f"encoder/{name}": value for name, value in scalars.items()})
+        names = scalars[0] if scalars else ()
+        means = {name: th.stack([update[name] for update in scalars]).mean() for name in names}
+        means |= self.encoder.diagnostics()
+        log_late(self.logger, {f"encoder/{name}": value for name, value in means.items()})
 
     def _recall_running_episodes(self) -> None:
         """Encode the running episodes again, so that a carried belief hardly mixes an old encoder with a new.

@@ -240,7 +240,8 @@ class TaskInference(BeliefQueries, EncoderTraining, OffPolicyAlgorithm):
             self._carried = carried
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "encoder", "encoder_optimizer", "_next_carried"]
+        own = ["encoder", "encoder_optimizer", "_next_carried", "_scalars_of_updates"]
+        return [*super()._excluded_save_params(), *own]
 
     def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
         state_dicts, variables = super()._get_torch_save_params()

@@ -23,6 +23,7 @@ from sb3_bruno.buffers.extended_obs import ExtendedObs
 from sb3_bruno.buffers.task_ring import TaskRing
 from sb3_bruno.buffers.transfer import to_device
 from sb3_bruno.encoders import TaskEncoder, TaskSequences, Transitions
+from sb3_bruno.encoders.base import training_mode
 
 Context = Literal["iid", "recent", "episode"]
 
@@ -189,10 +190,9 @@ class TaskReplayBuffer(TaskRing):
             with th.inference_mode():
                 beliefs = encoder.belief(encoder.prefixes(transitions, weights))
         else:
-            encoder.train()  # or cuDNN keeps nothing for the backward pass of a recurrent network
-            with th.enable_grad():
+            # Out of training mode cuDNN keeps nothing for the backward pass of a recurrent network.
+            with th.enable_grad(), training_mode(encoder):
                 beliefs = encoder.belief(encoder.prefixes(transitions, weights))
-            encoder.eval()
             gradient = BeliefGradient(sequences, beliefs[:, :-1], self._layout.belief)
             beliefs = beliefs.detach()
         later = beliefs

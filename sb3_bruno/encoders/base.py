@@ -7,7 +7,8 @@ Torch only. An encoder knows transitions, not environments, buffers or policies.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, ClassVar, Generic, Literal, NamedTuple, Self
 
 import torch as th
@@ -138,6 +139,16 @@ class TaskEncoder(nn.Module, ABC, Generic[Memory]):
     def diagnostics(self) -> Mapping[str, Tensor]:
         """Tell scalars worth a line in the log, by name: tensors of shape (), left on their device."""
         return {}
+
+
+@contextmanager
+def training_mode(encoder: TaskEncoder) -> Iterator[None]:
+    """Put an encoder into training mode for as long as it learns, and back, whatever happens."""
+    encoder.train()
+    try:
+        yield
+    finally:
+        encoder.eval()
 
 
 def map_memory(function: Callable[..., Tensor], *memories: Memory) -> Memory:

@@ -11,6 +11,7 @@ from torch.utils._pytree import tree_leaves
 
 from sb3_bruno import BrunoSAC, RecurrentCrossQ, RecurrentSAC, RecurrentTD3, RecurrentTQC
 from sb3_bruno.buffers.critic_gradient import BeliefGradient
+from sb3_bruno.encoders import Loss, RecurrentEncoder
 from sb3_bruno.encoders.base import map_memory
 
 POINT = "sb3_bruno_envs:PointDir-v0"
@@ -45,7 +46,7 @@ def test_the_gradient_is_that_of_sb3s_loss_differentiated_end_to_end(monkeypatch
     ours, theirs = (make_model(algorithm, **options) for _ in range(2))
 
     # Ours: what the hooks collect, before clipping and the optimiser's step.
-    monkeypatch.setattr(ours, "_step_encoder", lambda: th.zeros(()))
+    monkeypatch.setattr(ours, "_step_encoder", lambda: None)
     th.manual_seed(1)
     ours.train(1, 16)
 
@@ -131,6 +132,48 @@ def test_the_encoders_gradient_is_clipped_and_its_norm_logged(monkeypatch):
     model.train(4, 16)
     assert max(norms) <= 1e-3 * (1 + 1e-4)
     assert model.logger.name_to_value["encoder/gradient_norm"] > 1e-3
+
+
+def test_the_norm_of_a_gradient_that_is_not_clipped_is_logged_too():
+    model = make_model(encoder_kwargs={"hidden_size": 8, "max_grad_norm": None})
+    model.train(4, 16)
+    assert model.logger.name_to_value["encoder/gradient_norm"] > 0
+
+
+class Opinionated(RecurrentEncoder):
+    """Learns from the critics, and wants each of its parameters to be smaller by a loss of its own."""
+
+    strength = 0.0
+
+    def loss(self, sequences):
+        assert self.training and sequences.tasks.shape == (4, 2)
+        total = self.strength * sum(parameter.sum() for parameter in self.parameters())
+        return Loss(total, {"total": total.detach()})
+
+
+def test_a_loss_of_its_own_is_added_to_what_teaches_the_encoder_and_logged(monkeypatch):
+    found = {}
+    for strength in (0.0, 3.0):
+        monkeypatch.setattr(Opinionated, "strength", strength)
+        model = make_model(encoder_class=Opinionated)
+        monkeypatch.setattr(model, "_step_encoder", lambda: None)
+        th.manual_seed(1)
+        model.train(1, 16)
+        found[strength] = gradients(model.encoder)
+    for without, with_it in zip(found[0.0], found[3.0], strict=True):
+        th.testing.assert_close(with_it, without + 3.0)
+    total = 3.0 * sum(parameter.sum() for parameter in model.encoder.parameters())
+    th.testing.assert_close(model.logger.name_to_value["encoder/total"], total.detach())
+    assert not model.encoder.training
+
+
+def test_an_update_that_fails_does_not_leave_the_encoder_in_training_mode(monkeypatch):
+    taught, by_itself = make_model(), BrunoSAC("MlpPolicy", POINT, device="cpu", learning_starts=20).learn(10)
+    for model, method in ((taught, "prefixes"), (by_itself, "loss")):
+        monkeypatch.setattr(model.encoder, method, stop)
+        with pytest.raises(Stop):
+            model.train(1, 16) if model is taught else model.learn(100, reset_num_timesteps=False)
+        assert not model.encoder.training
 
 
 def test_it_is_encoded_in_training_mode_where_it_learns_and_acts_in_the_other(monkeypatch):
