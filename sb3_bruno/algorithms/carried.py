@@ -44,7 +44,7 @@ class Carried(NamedTuple):
         """Send a state to the device, in one transfer.
 
         Raises:
-            ValueError: if it has another number of arrays than the encoder's states.
+            ValueError: if it has other arrays than the encoder's states.
         """
         n_envs = len(state[0])
         empty = encoder.empty((n_envs,))
@@ -52,6 +52,12 @@ class Carried(NamedTuple):
             raise ValueError(
                 f"`state` has {len(state)} arrays, those of {type(encoder).__name__} have {len(empty) + 1}, or "
                 f"{2 * len(empty) + 2} where the agent may forget: pass back the state that `predict` returned."
+            )
+        given, wanted = [np.shape(array) for array in state[: len(empty)]], [tuple(tensor.shape) for tensor in empty]
+        if given != wanted:
+            raise ValueError(
+                f"`state` begins with arrays of shapes {given}, those of {type(encoder).__name__} with {wanted}: pass "
+                "back the state that `predict` returned."
             )
         tensors = iter(to_device([np.reshape(array, (n_envs, -1)) for array in state], device))
         memory = map_memory(lambda like: next(tensors).reshape(like.shape), empty)

@@ -190,6 +190,9 @@ class TaskInferencePolicy(BasePolicy):
 
         Returns:
             The extended observation, shape (n_envs, dim) or (dim,) as ``observation`` was, and what to carry on.
+
+        Raises:
+            ValueError: if what is carried is of other envs.
         """
         vectorized = is_vectorized_observation(observation["observation"], self.observation_space["observation"])
         n_envs = len(observation["observation"]) if vectorized else 1
@@ -210,6 +213,11 @@ class TaskInferencePolicy(BasePolicy):
         here, action, reward, fresh_column, began_column = to_device(
             [np.asarray(part).reshape(n_envs, -1) for part in parts], self.device
         )
+        if carried is not None and carried.observation.shape != here.shape:
+            raise ValueError(
+                f"`state` is of {len(carried.observation)} envs and observations of {carried.observation.shape[1]} "
+                f"numbers, not of {n_envs} and {here.shape[1]}: pass back the state that `predict` returned for these."
+            )
         nothing = Carried.start(self.encoder, here, may_forget=forget_threshold is not None)
         if carried is None:
             carried = nothing

@@ -28,8 +28,7 @@ def make_policy(**kwargs):
         lambda _: 1e-3,
         net_arch=[16],
         task_space=task_space,
-        encoder_kwargs=SMALL,
-        **kwargs,
+        **{"encoder_kwargs": SMALL, **kwargs},
     )
 
 
@@ -153,6 +152,33 @@ def test_a_belief_goes_on_over_inner_resets_and_absorbs_no_transition_that_has_n
     policy, env = make_policy(), wrap(make_env(2, "SparsePointGoal-v0"))
     _, states = rollout(policy, env, 65)  # a trial of three episodes of 20 steps, and the start of another
     assert [int(state[0][1, 0]) for state in states] == [*range(20), *range(19, 39), *range(38, 58), *range(5)]
+
+
+RECURRENT = {"encoder_class": "recurrent", "encoder_kwargs": {"hidden_size": 4}}
+LSTM = {"encoder_class": "recurrent", "encoder_kwargs": {"hidden_size": 4, "cell": "lstm"}}
+WIDER = {"encoder_class": "recurrent", "encoder_kwargs": {"hidden_size": 8}}
+
+
+@pytest.mark.parametrize(
+    ("own", "other"),
+    [(RECURRENT, LSTM), (LSTM, RECURRENT), (RECURRENT, WIDER), (RECURRENT, {}), ({}, LSTM)],
+    ids=["lstm for gru", "gru for lstm", "wider", "BRUNO for gru", "lstm for BRUNO"],
+)
+def test_the_state_of_another_encoder_is_refused(own, other):
+    observation = make_env().reset()
+    _, state = make_policy(**other).predict(observation)
+    with pytest.raises(ValueError, match=r"`state` .*pass back the state that `predict` returned"):
+        make_policy(**own).predict(observation, state)
+
+
+def test_the_state_of_other_envs_is_refused():
+    policy = make_policy()
+    _, state = policy.predict(make_env().reset())
+    with pytest.raises(ValueError, match=r"`state` is of 3 envs .* of 2 and 2: pass back the state"):
+        policy.predict(make_env(2).reset(), state)
+    longer = (*state[:3], np.zeros((3, 5), np.float32))
+    with pytest.raises(ValueError, match=r"`state` is of 3 envs and observations of 5 numbers"):
+        policy.predict(make_env().reset(), longer)
 
 
 def test_an_extended_observation_is_acted_on_as_it_is():
