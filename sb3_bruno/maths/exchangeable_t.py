@@ -20,6 +20,7 @@ from sb3_bruno.maths.exchangeable import (
     squared_mahalanobis,
     theta_moments,
 )
+from sb3_bruno.maths.multivariate_t import student_t_log_density
 
 
 class StudentTWithVariance(StudentT):
@@ -151,7 +152,7 @@ class ExchangeableStudentT(ExchangeableGaussian):
     def log_predictive(self, statistics: Statistics, z: Tensor) -> Tensor:
         mean, _, var, df, q = self._moments(statistics)
         distance = self._sum((z - mean).square() / var)
-        return self._log_density(df, q, self._dims_per_scale, distance, self._sum(var.log())).sum(dim=-1)
+        return student_t_log_density(df, q, self._dims_per_scale, distance, self._sum(var.log())).sum(dim=-1)
 
     def sample(self, statistics: Statistics, n_samples: int) -> Tensor:
         mean, _, var, df, q = self._moments(statistics)
@@ -168,24 +169,4 @@ class ExchangeableStudentT(ExchangeableGaussian):
         n_values = self._dims_per_scale * statistics.n
         distance = self._sum(self.squared_mahalanobis(statistics))
         log_volume = self._sum(self.log_volume(statistics))
-        return self._log_density(self.df, self.df - 2, n_values, distance, log_volume).sum(dim=-1)
-
-    @staticmethod
-    def _log_density(df: Tensor, q: Tensor, n_values: Tensor | int, distance: Tensor, log_volume: Tensor) -> Tensor:
-        """Return the log-density of the multivariate t of k values, with s ~ InvGamma(df / 2, q / 2).
-
-            lgamma((df + k) / 2) - lgamma(df / 2) - k/2 ln(pi q) - 1/2 ln |K| - (df + k)/2 log1p(distance / q)
-
-        The difference of the two lgamma is computed in float64: each grows to 10^4 and more, their difference does not.
-
-        Args:
-            df: degrees of freedom, ``(..., n_scales)``.
-            q: twice the scale of the inverse gamma distribution, ``(..., n_scales)``.
-            n_values: k.
-            distance: x^T K^-1 x, ``(..., n_scales)``.
-            log_volume: ln |K|, ``(..., n_scales)``.
-        """
-        half, more = (df / 2).double(), ((df + n_values) / 2).double()
-        log_gammas = (more.lgamma() - half.lgamma()).to(distance.dtype)
-        log_normal = 0.5 * (n_values * (math.pi * q).log() + log_volume)
-        return log_gammas - log_normal - 0.5 * (df + n_values) * (distance / q).log1p()
+        return student_t_log_density(self.df, self.df - 2, n_values, distance, log_volume).sum(dim=-1)
