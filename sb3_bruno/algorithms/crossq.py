@@ -10,7 +10,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv
 
 from sb3_bruno.algorithms.arguments import CrossQArguments, EncoderArguments, takes_arguments_of
-from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.algorithms.policies import POLICY_NAMES, TaskInferencePolicy
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders import TaskEncoder
 from sb3_bruno.encoders.bruno import BrunoArguments
@@ -29,10 +29,7 @@ class TaskCrossQ(TaskInference, CrossQ, Generic[EncoderArguments]):
     """
 
     policy: TaskCrossQPolicy
-    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
-        "MlpPolicy": TaskCrossQPolicy,
-        "MultiInputPolicy": TaskCrossQPolicy,
-    }
+    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = dict.fromkeys(POLICY_NAMES, TaskCrossQPolicy)
 
     @takes_arguments_of(CrossQ, TaskInference)
     def __init__(

@@ -26,6 +26,8 @@ from sb3_bruno.buffers.transfer import to_device
 from sb3_bruno.encoders import BrunoEncoder, Predicts, TaskEncoder, Transitions, find_encoder
 from sb3_bruno.encoders.abilities import check_ability
 
+POLICY_NAMES = ("MlpPolicy", "MultiInputPolicy")
+"""Names of a policy in SB3. Both mean the same here: the observation is a Dict, and networks read flat slices of it."""
 Observation = NDArray[Any] | th.Tensor | dict[str, NDArray[Any]]
 
 

@@ -10,7 +10,7 @@ from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.sac.policies import SACPolicy
 
 from sb3_bruno.algorithms.arguments import EncoderArguments, SACArguments, takes_arguments_of
-from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.algorithms.policies import POLICY_NAMES, TaskInferencePolicy
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders import TaskEncoder
 from sb3_bruno.encoders.bruno import BrunoArguments
@@ -29,10 +29,7 @@ class TaskSAC(TaskInference, SAC, Generic[EncoderArguments]):
     """
 
     policy: TaskSACPolicy
-    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
-        "MlpPolicy": TaskSACPolicy,
-        "MultiInputPolicy": TaskSACPolicy,
-    }
+    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = dict.fromkeys(POLICY_NAMES, TaskSACPolicy)
 
     @takes_arguments_of(SAC, TaskInference)
     def __init__(

@@ -10,7 +10,7 @@ from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.td3.policies import TD3Policy
 
 from sb3_bruno.algorithms.arguments import EncoderArguments, TD3Arguments, takes_arguments_of
-from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.algorithms.policies import POLICY_NAMES, TaskInferencePolicy
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders import TaskEncoder
 from sb3_bruno.encoders.bruno import BrunoArguments
@@ -29,10 +29,7 @@ class TaskTD3(TaskInference, TD3, Generic[EncoderArguments]):
     """
 
     policy: TaskTD3Policy
-    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
-        "MlpPolicy": TaskTD3Policy,
-        "MultiInputPolicy": TaskTD3Policy,
-    }
+    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = dict.fromkeys(POLICY_NAMES, TaskTD3Policy)
 
     @takes_arguments_of(TD3, TaskInference)
     def __init__(

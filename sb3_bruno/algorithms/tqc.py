@@ -10,7 +10,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv
 
 from sb3_bruno.algorithms.arguments import EncoderArguments, TQCArguments, takes_arguments_of
-from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.algorithms.policies import POLICY_NAMES, TaskInferencePolicy
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders import TaskEncoder
 from sb3_bruno.encoders.bruno import BrunoArguments
@@ -29,10 +29,7 @@ class TaskTQC(TaskInference, TQC, Generic[EncoderArguments]):
     """
 
     policy: TaskTQCPolicy
-    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
-        "MlpPolicy": TaskTQCPolicy,
-        "MultiInputPolicy": TaskTQCPolicy,
-    }
+    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = dict.fromkeys(POLICY_NAMES, TaskTQCPolicy)
 
     @takes_arguments_of(TQC, TaskInference)
     def __init__(
