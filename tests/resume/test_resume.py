@@ -27,22 +27,28 @@ from stable_baselines3.common.vec_env import (
     VecNormalize,
 )
 
-from sb3_bruno import BrunoSAC
+from sb3_bruno import BrunoSAC, RecurrentCrossQ, RecurrentSAC
 from sb3_bruno.resume.checkpoint import ResumeCallback, resume
 from sb3_bruno_envs import MetaTask, TransitionObservation
 
 STEPS = 240
-SETTINGS = {
+COMMON = {
     "seed": 3,
     "learning_starts": 40,
     "gradient_steps": 1,
     "batch_size": 32,
     "buffer_size": 300,
     "policy_kwargs": {"net_arch": [16]},
+}
+SETTINGS = {
+    **COMMON,
     "encoder_kwargs": {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}},
     "encoder_batch_size": 4,
     "replay_buffer_kwargs": {"n_sequences": 4, "sequence_length": 16},
 }
+GRU = {"hidden_size": 8}
+LSTM = {"hidden_size": 8, "cell": "lstm"}
+RECURRENT = {**COMMON, "encoder_kwargs": GRU, "replay_buffer_kwargs": {"n_sequences": 4}}
 
 
 def point(n_envs=3, **kwargs):
@@ -108,15 +114,35 @@ def scramble_random_states():
 )
 @pytest.mark.parametrize("died_at", [75, 170])
 def test_a_resumed_run_equals_the_uninterrupted_one(tmp_path, make_env, died_at):
-    whole = BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(STEPS)
-    path = tmp_path / "checkpoint.pkl"
+    check_resumed_run(tmp_path / "checkpoint.pkl", BrunoSAC, make_env, SETTINGS, died_at)
+
+
+RECURRENT_RUNS = {
+    "gru": (RecurrentSAC, point, {}),
+    "one env": (RecurrentSAC, lambda: point(1), {}),
+    "lstm in trials": (RecurrentSAC, trials, {"encoder_kwargs": LSTM}),
+    "target, VecNormalize": (RecurrentSAC, normalized, {"encoder_tau": 0.1}),
+    "by the actor, in trials": (RecurrentSAC, trials, {"encoder_kwargs": {**GRU, "learns_from": "actor"}}),
+    "CrossQ": (RecurrentCrossQ, point, {"encoder_tau": 0.1}),
+    "buffer shorter than an episode": (RecurrentSAC, point, {"buffer_size": 60, "train_freq": 2}),
+}
+
+
+@pytest.mark.parametrize("run", RECURRENT_RUNS)
+def test_a_resumed_recurrent_run_equals_the_uninterrupted_one(tmp_path, run):
+    algorithm, make_env, settings = RECURRENT_RUNS[run]
+    check_resumed_run(tmp_path / "checkpoint.pkl", algorithm, make_env, {**RECURRENT, **settings}, died_at=170)
+
+
+def check_resumed_run(path, algorithm, make_env, settings, died_at):
+    whole = algorithm("MlpPolicy", make_env(), **settings).learn(STEPS)
     with pytest.raises(KeyboardInterrupt):
-        BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(STEPS, [ResumeCallback(path, 30), Die(died_at)])
+        algorithm("MlpPolicy", make_env(), **settings).learn(STEPS, [ResumeCallback(path, 30), Die(died_at)])
     scramble_random_states()
     resumed = resume(path, make_env())
     assert 0 < resumed.num_timesteps <= died_at
     resumed.learn(STEPS - resumed.num_timesteps, reset_num_timesteps=False)
-    assert resumed.num_timesteps == whole.num_timesteps
+    assert resumed.num_timesteps == whole.num_timesteps and resumed._n_encoder_updates == whole._n_encoder_updates > 0
     for tensor, expected in zip(fingerprint(resumed), fingerprint(whole), strict=True):
         assert th.equal(tensor, expected)
     assert resumed.ep_info_buffer[-1]["r"] == whole.ep_info_buffer[-1]["r"]

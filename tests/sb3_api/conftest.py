@@ -2,7 +2,7 @@
 
 import pytest
 
-from support.tiny_models import ALGORITHMS, POINT, TINY, make_pendulum
+from support.tiny_models import ALGORITHMS, POINT, make_pendulum, tiny
 
 
 @pytest.fixture(scope="module", params=ALGORITHMS, ids=lambda algorithm: algorithm.__name__)
@@ -13,9 +13,8 @@ def algorithm(request):
 @pytest.fixture(scope="module")
 def make_model(algorithm):
     def make(env=POINT, policy="MlpPolicy", **kwargs):
-        """A tiny model; dicts are merged into those of ``TINY``."""
-        merged = {key: {**TINY[key], **value} if isinstance(value, dict) else value for key, value in kwargs.items()}
-        return algorithm(policy, env, **{**TINY, **merged})
+        """A tiny model, with arguments as ``tiny`` merges them."""
+        return algorithm(policy, env, **tiny(algorithm, **kwargs))
 
     return make
 

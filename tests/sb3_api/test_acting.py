@@ -8,7 +8,7 @@ import torch as th
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 
-from sb3_bruno import BrunoEncoder
+from sb3_bruno import BrunoEncoder, RecurrentEncoder
 from support.tiny_models import assert_same, make_pendulum, rollout
 
 
@@ -33,8 +33,20 @@ class DropoutEncoder(BrunoEncoder):
         return th.nn.functional.dropout(super().latents(transitions, noise), training=self.training)
 
 
-@pytest.mark.parametrize("encoder_class", [BrunoEncoder, DropoutEncoder])
-def test_predict_changes_nothing_and_repeats_itself(make_model, encoder_class):
+class DropoutRecurrentEncoder(RecurrentEncoder):
+    """Forgets half of the features that it reads, in training."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.features.append(th.nn.Dropout())
+
+
+THAT_DROP_OUT = {"bruno": DropoutEncoder, "recurrent": DropoutRecurrentEncoder}
+
+
+@pytest.mark.parametrize("drops_out", [False, True])
+def test_predict_changes_nothing_and_repeats_itself(algorithm, make_model, drops_out):
+    encoder_class = THAT_DROP_OUT[algorithm.default_encoder] if drops_out else None
     model = make_model(make_pendulum(), encoder_class=encoder_class).learn(60)
     env = make_vec_env(make_pendulum, 2, seed=0)
     model.policy.set_training_mode(True)  # as ``train`` leaves it

@@ -15,7 +15,17 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_bruno import Transitions
-from support.tiny_models import POINT, TRIAL, assert_same, make_pendulum, normalized
+from support.tiny_models import (
+    BRUNO,
+    POINT,
+    TRIAL,
+    assert_carries,
+    assert_same,
+    for_each,
+    make_pendulum,
+    normalized,
+    takes,
+)
 
 
 def test_envs_are_exchanged_for_their_like_only(make_model):
@@ -75,6 +85,7 @@ def test_vec_normalize_is_saved_and_synchronised(algorithm, make_model, tmp_path
     assert model.get_vec_normalize_env() is eval_env
 
 
+@for_each(BRUNO)
 @pytest.mark.parametrize("options", [*({"norm_obs_keys": keys} for keys in KEYS), {"norm_obs": False}], ids=str)
 def test_a_belief_carried_through_predict_is_that_of_the_transitions(make_model, options):
     env = normalized(**options)
@@ -120,7 +131,8 @@ def test_beliefs_in_the_buffer_are_those_of_the_rollout_at_every_step(make_model
     met, inner_ends = set(), 0
     for _ in range(60):
         samples = model.replay_buffer.sample(64)
-        for here, there in zip(samples.observations.numpy(), samples.next_observations.numpy(), strict=True):
+        departures, arrivals = samples.observations.detach().numpy(), samples.next_observations.numpy()
+        for here, there in zip(departures, arrivals, strict=True):
             step, env = step_of[here[layout.observation].tobytes()]
             met.add((step, env))
             np.testing.assert_allclose(here[layout.belief], beliefs[step][env], rtol=1e-4, atol=1e-5)
@@ -136,19 +148,23 @@ def test_beliefs_in_the_buffer_are_those_of_the_rollout_at_every_step(make_model
 
 
 @pytest.mark.parametrize("n_steps", [20, 21, 47])  # an inner episode ends with the last transition, before it, long ago
-def test_the_running_trial_is_encoded_again_as_the_agent_would_see_it(make_model, n_steps):
-    watch, model = Watch(), make_model(make_vec_env(TRIAL, 2, seed=0), learning_starts=10, encoder_update_ratio=1)
+def test_the_running_trial_is_encoded_again_as_the_agent_would_see_it(algorithm, make_model, n_steps):
+    often = {"encoder_update_ratio": 1}
+    often = often if takes(algorithm, often) else {}
+    watch, model = Watch(), make_model(make_vec_env(TRIAL, 2, seed=0), learning_starts=10, **often)
     model.learn(2 * n_steps, watch)
     assert model._n_encoder_updates > 0
     state = None
     for begins, seen, _ in watch.steps:
         _, state = model.policy.extend(seen, state, begins)
-    absorbed = n_steps - 1 - (n_steps - 1) // 20
-    assert state.memory[0][:, 0].tolist() == [absorbed] * 2
+    assert_carries(model, [n_steps] * 2)
+    if often:  # BRUNO's memory counts
+        assert state.memory[0][:, 0].tolist() == [n_steps - 1 - (n_steps - 1) // 20] * 2
     for carried, expected in zip(model._carried.memory, state.memory, strict=True):
         np.testing.assert_allclose(carried, expected, rtol=1e-4, atol=1e-5)
 
 
+@for_each(BRUNO)
 def test_no_transitions_give_the_prior(trained):
     nothing = Transitions(*(np.zeros((2, 0, dim)) for dim in (3, 1, 1, 3)))
     prior = trained.infer(nothing)

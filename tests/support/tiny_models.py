@@ -10,21 +10,24 @@ import re
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch as th
 import zuko
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from sb3_bruno import BrunoCrossQ, BrunoSAC, BrunoTD3, BrunoTQC
+from sb3_bruno import BrunoCrossQ, BrunoSAC, BrunoTD3, BrunoTQC, RecurrentCrossQ, RecurrentSAC
+from sb3_bruno.encoders import find_encoder
+from sb3_bruno.encoders.base import map_memory
 from sb3_bruno_envs import MetaTask, TransitionObservation
 
-ALGORITHMS = [BrunoSAC, BrunoTQC, BrunoCrossQ, BrunoTD3]
+BRUNO = [BrunoSAC, BrunoTQC, BrunoCrossQ, BrunoTD3]
+RECURRENT = [RecurrentSAC, RecurrentCrossQ]
+ALGORITHMS = [*BRUNO, *RECURRENT]
 POINT = "sb3_bruno_envs:PointDir-v0"  # episodes of 30 steps
 TRIAL = "sb3_bruno_envs:SparsePointGoal-v0"  # trials of three episodes of 20 steps
 TINY_FLOW = {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}}
 TINY = {
     "policy_kwargs": {"net_arch": [16]},
-    "encoder_kwargs": TINY_FLOW,
-    "encoder_batch_size": 4,
     "replay_buffer_kwargs": {"n_sequences": 4, "sequence_length": 8},
     "buffer_size": 1_000,
     "batch_size": 16,
@@ -32,6 +35,12 @@ TINY = {
     "seed": 0,
     "device": "cpu",
 }
+TINY_ENCODER = {
+    "bruno": {"encoder_kwargs": TINY_FLOW, "encoder_batch_size": 4},
+    "recurrent": {"encoder_kwargs": {"hidden_size": 8}},
+}
+LSTM = {"encoder_kwargs": {"cell": "lstm"}}
+OF_ITS_OWN_LOSS = {"encoder_batch_size", "encoder_update_ratio", "encoder_learning_starts"}
 
 
 def name_of(options):
@@ -47,21 +56,34 @@ def make_point():
     return Monitor(gym.make(POINT))
 
 
+def tiny(algorithm, **kwargs):
+    """The arguments of a tiny model; dicts are merged into those of ``TINY`` and ``TINY_ENCODER``."""
+    settings = {**TINY, **TINY_ENCODER[algorithm.default_encoder]}
+    merged = {key: {**settings[key], **value} if isinstance(value, dict) else value for key, value in kwargs.items()}
+    return {**settings, **merged}
+
+
+def for_each(algorithms):
+    """Run a test for some of the algorithms only."""
+    names = [algorithm.__name__ for algorithm in algorithms]
+    return pytest.mark.parametrize("algorithm", algorithms, indirect=True, ids=names, scope="module")
+
+
 def for_each_that_takes(*options):
-    """Run a test for every algorithm with each of the options that it has an argument for."""
-    pairs = [
-        (algorithm, option)
-        for algorithm in ALGORITHMS
-        for option in options
-        if option.keys() <= arguments_of(algorithm)
-    ]
+    """Run a test for every algorithm with each of the options that it has the arguments for."""
+    pairs = [(algorithm, option) for algorithm in ALGORITHMS for option in options if takes(algorithm, option)]
     names = [f"{algorithm.__name__}-{name_of(option)}" for algorithm, option in pairs]
     return pytest.mark.parametrize(("algorithm", "options"), pairs, indirect=["algorithm"], ids=names, scope="module")
 
 
-def arguments_of(algorithm):
-    """The names of an algorithm's arguments: the mixin's and SB3's."""
-    return {name for base in algorithm.__bases__ for name in inspect.signature(base).parameters}
+def takes(algorithm, options):
+    """Whether an algorithm has arguments of these names, and its encoder those of ``encoder_kwargs``."""
+    encoder = find_encoder(algorithm.default_encoder)
+    arguments = set(inspect.signature(algorithm).parameters)
+    if encoder.learns_from != "own":
+        arguments -= OF_ITS_OWN_LOSS
+    encoder_kwargs = options.get("encoder_kwargs", {})
+    return options.keys() <= arguments and encoder_kwargs.keys() <= inspect.signature(encoder).parameters.keys()
 
 
 def normalized(env_fn=make_pendulum, **kwargs):
@@ -79,14 +101,27 @@ def rollout(model, env, n_steps, deterministic=True):
     return steps
 
 
-def assert_same(one, other):
+def assert_carries(model, lengths):
+    """The agent carries what its encoder makes of its running episodes, all but the newest transition of each."""
+    slots, found = model.replay_buffer.episodes.running()
+    assert found.tolist() == lengths
+    absorbed = model.replay_buffer.to_torch(model.replay_buffer.absorbed(slots)).float()
+    with th.no_grad():
+        prefixes = model.encoder.prefixes(model.replay_buffer.transitions(slots), absorbed)
+    known = th.as_tensor(found) - 1
+    memory = map_memory(lambda states: states[th.arange(len(known)), known], prefixes)
+    for carried, expected in zip(model._carried.memory, memory, strict=True):
+        th.testing.assert_close(carried, expected, rtol=1e-4, atol=1e-5)
+
+
+def assert_same(found, expected):
     """Two nests of dicts, lists, tensors and numbers are equal, bit for bit."""
-    if isinstance(one, dict):
-        assert one.keys() == other.keys()
-        one, other = list(one.values()), list(other.values())
-    if isinstance(one, list | tuple):
-        assert len(one) == len(other)
-        for a, b in zip(one, other, strict=True):
+    if isinstance(found, dict):
+        assert found.keys() == expected.keys()
+        found, expected = list(found.values()), list(expected.values())
+    if isinstance(found, list | tuple):
+        assert len(found) == len(expected)
+        for a, b in zip(found, expected, strict=True):
             assert_same(a, b)
     else:
-        np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(found, expected)
