@@ -9,20 +9,21 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
-from typing import Any, Generic, TypedDict, TypeVar
+from typing import Any, Generic, TypedDict
 
 import torch as th
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.noise import ActionNoise
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import Schedule
+from typing_extensions import TypeVar
 
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.buffers.extended_obs import CriticInput
 from sb3_bruno.buffers.task_buffer import BufferArguments
 from sb3_bruno.encoders import TaskEncoder
 
-EncoderArguments = TypeVar("EncoderArguments", bound=Mapping[str, object])
+EncoderArguments = TypeVar("EncoderArguments", bound=Mapping[str, object], default=Mapping[str, object])
 Init = TypeVar("Init", bound=Callable[..., None])
 
 
@@ -174,6 +175,6 @@ def check_names(
         return  # it passes them on
     known = [parameter.name for parameter in parameters if parameter.name not in filled]
     for name in (name for name in given or {} if name not in known):
-        nearest = get_close_matches(name, known, n=1, cutoff=0.5)
+        nearest = get_close_matches(name, known, n=1, cutoff=0.6)
         remedy = f"did you mean `{nearest[0]}`?" if nearest else f"it takes {', '.join(known) or 'nothing'}."
         raise error(f"`{argument}` has no `{name}`: {remedy}")

@@ -92,16 +92,18 @@ class AgentView:
         """Show transitions in the env's units as the agent observes them, (..., dim).
 
         Rewards (..., 1); the others flat, (..., dim), or in the shape of their space.
+
+        Raises:
+            ValueError: naming the array that has another shape.
         """
         batch = np.shape(rewards)[:-1]
-        observation_shape = (*batch, *_shape(self.policy.observation_space["observation"]))
-        action = np.asarray(actions, dtype=np.float32).reshape(*batch, *_shape(self.policy.action_space))
-        action = self.policy.scale_action(action)
+        seen = _shape(self.policy.observation_space["observation"])
+        action = self.policy.scale_action(_shaped("actions", actions, batch, _shape(self.policy.action_space)))
         given = TransitionArrays(
-            observations=np.asarray(observations, dtype=np.float32).reshape(observation_shape),
+            observations=_shaped("observations", observations, batch, seen),
             actions=action.reshape(*batch, math.prod(action.shape[len(batch) :])),
-            rewards=np.asarray(rewards, dtype=np.float32),
-            next_observations=np.asarray(next_observations, dtype=np.float32).reshape(observation_shape),
+            rewards=_shaped("rewards", rewards, batch, (1,)),
+            next_observations=_shaped("next_observations", next_observations, batch, seen),
         )
         observed = normalize(given, self.vec_normalize)
         flat = (array.reshape(*batch, math.prod(array.shape[len(batch) :])) for array in observed)
@@ -127,6 +129,22 @@ class AgentView:
 def _like(samples: th.Tensor | None, own: NDArray[Any]) -> th.Tensor | None:
     """The samples in the env's own units, in their own shape; None where there are none."""
     return None if samples is None else th.as_tensor(own, dtype=th.float32).reshape(samples.shape)
+
+
+def _shaped(name: str, given: ArrayLike, batch: tuple[int, ...], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Give an array the shape (*batch, *shape), which it may have flat.
+
+    Raises:
+        ValueError: if it has neither.
+    """
+    array = np.asarray(given, dtype=np.float32)
+    flat = (*batch, math.prod(shape))
+    if array.shape not in (flat, (*batch, *shape)):
+        raise ValueError(
+            f"`{name}` has shape {array.shape}, expected {flat}: rewards are (..., 1), and their shape before the last "
+            "dimension is that of all."
+        )
+    return array.reshape(*batch, *shape)
 
 
 def _shape(space: Space[Any]) -> tuple[int, ...]:

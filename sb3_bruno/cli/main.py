@@ -7,7 +7,7 @@ import importlib.util
 import runpy
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -27,7 +27,7 @@ from sb3_bruno.cli.sweep import sweep
 from sb3_bruno.runs.denormals import flushed_denormals
 from sb3_bruno.runs.origin import ORIGIN, load_command
 from sb3_bruno.zoo.experiment import CHECKPOINT, RunOptions, TaskExperiment
-from sb3_bruno.zoo.registry import import_packages, register
+from sb3_bruno.zoo.registry import check_registered, import_packages, register
 
 DEFAULTS = {"--algo": "bruno_sac", "--env": "CheetahDir-v0"}
 Arguments = list[str]
@@ -71,6 +71,7 @@ def train(arguments: Arguments) -> None:
         if importlib.util.find_spec(needed) is None:
             raise Mistake(f"--track needs {needed}, which is not installed: pip install 'sb3_bruno[wandb]'")
     command = _with_defaults(rest, {**DEFAULTS, "--num-threads": "1"})
+    _check_env(command)
     has_started = threading.Event()  # until it is set, an error is a mistake in the command
     options = RunOptions(own.checkpoint_freq, resume_from, command, has_started.set)
     experiment = partial(TaskExperiment, options=options)
@@ -84,7 +85,9 @@ def enjoy(arguments: Arguments) -> None:
     example: sb3-bruno enjoy --algo bruno_sac --env CheetahDir-v0 -f logs -n 400
     """
     _, rest = _parse(_own_parser("enjoy", enjoy), arguments, rl_zoo3.enjoy.enjoy)
-    _call(rl_zoo3.enjoy.enjoy, "enjoy", _with_defaults(rest, {**DEFAULTS, "-f": "logs"}))
+    command = _with_defaults(rest, {**DEFAULTS, "-f": "logs"})
+    _check_env(command)
+    _call(rl_zoo3.enjoy.enjoy, "enjoy", command)
 
 
 def record_video(arguments: Arguments) -> None:
@@ -95,9 +98,9 @@ def record_video(arguments: Arguments) -> None:
     parser = _own_parser("record-video", record_video)
     add_gym_packages(parser)
     own, rest = _parse(parser, arguments, _rl_zoo3_record_video)
-    with told_as_mistake():
-        import_packages(own.gym_packages)
-    _call(_rl_zoo3_record_video, "record-video", _with_defaults(rest, {**DEFAULTS, "-f": "logs"}))
+    command = _with_defaults(rest, {**DEFAULTS, "-f": "logs"})
+    _check_env(command, own.gym_packages)
+    _call(_rl_zoo3_record_video, "record-video", command)
 
 
 COMMANDS: dict[str, Callable[[Arguments], None]] = {
@@ -158,6 +161,25 @@ def _parse(
 def _with_defaults(arguments: Arguments, defaults: dict[str, str]) -> Arguments:
     """Put the defaults first: if a flag is given twice, the last one counts."""
     return [part for flag in defaults.items() for part in flag] + arguments
+
+
+def _check_env(command: Arguments, packages: Sequence[str] = ()) -> None:
+    """Import the packages that register environments, and refuse an environment that is not registered then.
+
+    Args:
+        command: rl_zoo3's flags.
+        packages: those to import, besides the command's own ``--gym-packages``.
+
+    Raises:
+        Mistake: if a package cannot be imported, or the environment is unknown.
+    """
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--env")
+    add_gym_packages(parser)
+    chosen, _ = parser.parse_known_args(command)
+    with told_as_mistake():
+        import_packages([*packages, *chosen.gym_packages])
+        check_registered(chosen.env)
 
 
 def _call(

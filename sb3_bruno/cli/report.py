@@ -16,7 +16,7 @@ from sb3_bruno.runs.record import RunRecord
 
 
 def report(arguments: list[str]) -> None:
-    """RunRecord runs that ``evaluate`` tested, then make tables and figures of all runs recorded in a folder.
+    """Record runs that ``evaluate`` tested, then make tables and figures of all runs recorded in a folder.
 
     example: sb3-bruno report logs/bruno_sac/CheetahDir-v0_* --out results
     """

@@ -12,7 +12,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Figure
 
 from sb3_bruno.algorithms.task_inference import TaskInference
-from sb3_bruno.diagnostics.diagnose import diagnose
+from sb3_bruno.diagnostics.diagnose import check_diagnosable, diagnose
 from sb3_bruno.diagnostics.figure import draw_diagnostics
 
 
@@ -61,10 +61,12 @@ class DiagnosticsCallback(BaseCallback):
         self.log_path = None if log_path is None else Path(log_path)
 
     def _init_callback(self) -> None:
+        """Refuse a model that cannot be diagnosed before it is trained."""
         if not isinstance(self.model, TaskInference):
             raise ValueError(
                 f"model is of class {type(self.model).__name__}, which has no belief: use BrunoSAC or a sibling."
             )
+        check_diagnosable(self.model.policy.encoder)
         if self.log_path is not None:
             self.log_path.mkdir(parents=True, exist_ok=True)
 

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from sb3_bruno.algorithms.beliefs import AgentView, TaskBelief
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.diagnostics.result import Diagnostics
-from sb3_bruno.encoders import HasPosterior, MeasuresDistance, Predicts, Transitions
+from sb3_bruno.encoders import HasPosterior, MeasuresDistance, Predicts, TaskEncoder, Transitions
 from sb3_bruno.encoders.abilities import check_ability
 from sb3_bruno.encoders.base import map_memory
 from sb3_bruno.evaluation.episodes import Episode, pad_episodes, play_episodes
@@ -69,8 +69,7 @@ def diagnose(
         ValueError: if the encoder lacks an ability, or as ``play_episodes``.
     """
     encoder = model.policy.encoder
-    for ability in (HasPosterior, Predicts):
-        check_ability(encoder, ability, "`diagnose`")
+    check_diagnosable(encoder)
 
     def play(tasks: ArrayLike, seed: int) -> list[list[Episode]]:
         return play_episodes(model, make_env, tasks, n_episodes=n_episodes, seed=seed, vec_normalize=vec_normalize)
@@ -99,6 +98,16 @@ def diagnose(
             outside_tasks=None if outside is None else np.asarray(outside_tasks, dtype=np.float64),
             outside_bounds=None if outside is None else _bounds(view, _pad(outside)),
         )
+
+
+def check_diagnosable(encoder: TaskEncoder) -> None:
+    """Refuse an encoder that ``diagnose`` cannot work with.
+
+    Raises:
+        ValueError: naming the ability that it lacks.
+    """
+    for ability in (HasPosterior, Predicts):
+        check_ability(encoder, ability, "`diagnose`")
 
 
 class _Comparison(NamedTuple):

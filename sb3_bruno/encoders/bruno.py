@@ -27,6 +27,7 @@ from sb3_bruno.maths.standardize import Standardize
 NOISE_ENTROPY = 0.5 * math.log(2 * math.pi * math.e)
 """Entropy of one standard normal noise dimension, in nats."""
 
+ProcessName = Literal["gaussian", "student_t", "shared_student_t"]
 Modelled = Literal["rewards", "next_observations", "both"]
 Objective = Literal["paper", "holdout", "prequential"]
 BeliefForm = Literal["mean_var", "mean"]
@@ -40,7 +41,7 @@ class BrunoArguments(TypedDict, total=False):
     extra_dims: int | None
     flow_class: str | Callable[..., Flow]
     flow_kwargs: dict[str, Any] | None
-    process: str
+    process: ProcessName
     objective: Objective
     belief: BeliefForm
 
@@ -98,7 +99,7 @@ class BrunoEncoder(TaskEncoder[Statistics]):
         extra_dims: int | None = None,
         flow_class: str | Callable[..., Flow] = "paper_maf",
         flow_kwargs: dict[str, Any] | None = None,
-        process: str = "student_t",
+        process: ProcessName = "student_t",
         objective: Objective = "prequential",
         belief: BeliefForm = "mean_var",
     ) -> None:

@@ -106,11 +106,15 @@ def _check_learning(encoder: TaskEncoder, transitions: Transitions) -> None:
         total = total + loss.total
     if encoder.learns_from != "own":
         total = total + encoder.belief(encoder.prefixes(transitions)).square().sum()
-    if not total.requires_grad:
-        return  # it has nothing to learn
-    total.backward()
+    if total.requires_grad:
+        total.backward()
     parameters = dict(encoder.named_parameters())
     unreached = [name for name, parameter in parameters.items() if parameter.requires_grad and parameter.grad is None]
+    if unreached and loss is None and encoder.learns_from == "own":
+        raise ValueError(
+            f"`learns_from = 'own'`, but there is no `loss` that {unreached} could learn from: define one, or set "
+            "`learns_from` to 'critic' or 'actor'."
+        )
     if unreached:
         raise ValueError(f"no gradient reaches {unreached}: use them in what is learned, or remove them.")
 

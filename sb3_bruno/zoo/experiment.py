@@ -13,7 +13,7 @@ import gymnasium as gym
 import rl_zoo3
 import yaml
 from rl_zoo3.exp_manager import ExperimentManager
-from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER
+from rl_zoo3.hyperparams_opt import HYPERPARAMS_SAMPLER
 from rl_zoo3.utils import SimpleLinearSchedule
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import EvalCallback
@@ -25,7 +25,8 @@ from sb3_bruno.evaluation.eval_callback import TaskEvalCallback
 from sb3_bruno.resume.checkpoint import ResumeCallback, resume
 from sb3_bruno.runs.origin import save_origin
 from sb3_bruno.zoo.configs import config_file, merged, read_configs
-from sb3_bruno.zoo.held_out import FRESH, HeldOut, hold_out
+from sb3_bruno.zoo.held_out import FRESH, HeldOut, hold_out, listed_tasks
+from sb3_bruno.zoo.registry import converter_of, sampler_of
 
 CHECKPOINT = "checkpoint.pkl"
 ENCODER_ARGUMENTS = {"encoder_class", "encoder_kwargs", "critic_input"}
@@ -92,10 +93,12 @@ class TaskExperiment(ExperimentManager):
             saved: dict[str, Any] = yaml.unsafe_load(Path(self.params_path, "config.yml").read_text(encoding="utf-8"))
             return dict(saved), saved
         configs = read_configs(self.config)
+        if configs and not self._is_atari and not {self.env_name.gym_id, "default"} & configs.keys():
+            raise ValueError(f"{self.config} has no {self.env_name.gym_id}: give another file by -conf")
         config = configs.get(self.env_name.gym_id, configs.get("default", {}))
         given = self.custom_hyperparams or {}
         if self.trial_id is not None:
-            given = merged(self._drawn_in_trial(merged(config, given).get("n_envs", 1)), given)
+            given = merged(self._drawn_in_trial(merged(config, given)), given)
         self.custom_hyperparams = {name: merged(config, given)[name] for name in given}
         read: tuple[dict[str, Any], dict[str, Any]] = super().read_hyperparameters()
         return read
@@ -105,13 +108,13 @@ class TaskExperiment(ExperimentManager):
         if self._resume_from is None:
             super()._save_config(saved_hyperparams)
 
-    def _drawn_in_trial(self, n_envs: int) -> dict[str, Any]:
-        """Return what the trial of ``--trial-id`` drew, whether rl_zoo3's search or our sweep made it."""
+    def _drawn_in_trial(self, config: dict[str, Any]) -> dict[str, Any]:
+        """Return what the trial of ``--trial-id`` drew beside ``config``: a trial of rl_zoo3's search or our sweep."""
         if self.storage is None or self.study_name is None:
             raise ValueError(f"--trial-id {self.trial_id} is of a study: give its --storage and --study-name")
         try:
             drawn = self.load_trial(self.storage, self.study_name, self.trial_id, convert=False)
-            converted: dict[str, Any] = HYPERPARAMS_CONVERTER[self.algo]({**drawn, "n_envs": n_envs})
+            converted = converter_of(self.algo, config)({**drawn, "n_envs": config.get("n_envs", 1)})
         except (KeyError, IndexError) as error:
             study = f"{self.study_name} in {self.storage}"
             raise ValueError(
@@ -185,6 +188,15 @@ class TaskExperiment(ExperimentManager):
         self.n_eval_episodes = self._whole_cycles(self._held_out.n_tasks)
         self._hyperparams = _Config(self._hyperparams)
 
+    def hyperparameters_optimization(self) -> None:
+        """Search as rl_zoo3 does, in the space of the encoder that the config chooses."""
+        stock = HYPERPARAMS_SAMPLER[self.algo]
+        HYPERPARAMS_SAMPLER[self.algo] = sampler_of(self.algo, self._hyperparams)
+        try:
+            super().hyperparameters_optimization()
+        finally:
+            HYPERPARAMS_SAMPLER[self.algo] = stock
+
     def learn(self, model: BaseAlgorithm) -> None:
         """Train the model; a resumed run for the environment steps that are left."""
         self._options.on_start()
@@ -199,7 +211,7 @@ class TaskExperiment(ExperimentManager):
                 stock.eval_env,
                 callback_on_new_best=stock.callback,
                 best_model_save_path=self.save_path,
-                n_eval_episodes=self._whole_cycles(self._n_test_tasks(stock.eval_env)),
+                n_eval_episodes=self._whole_cycles(max(self._n_test_tasks(), 1)),
                 log_path=self.save_path,
                 eval_freq=self.eval_freq,
                 deterministic=self.deterministic_eval,
@@ -228,14 +240,15 @@ class TaskExperiment(ExperimentManager):
     def _test_env_kwargs(self) -> dict[str, Any]:
         """Return the keywords of the environments to evaluate in: the training ones, and which tasks to go through.
 
-        Our environments go through the test tasks, in a search through the held-out training tasks.
+        They go through the test tasks, if these are listed, and in a search through the held-out training tasks.
         """
         if self._held_out is not None:
             return self._held_out.judge
-        return {**self.env_kwargs, "split": "test", "draw": "cycle"} if self._is_ours() else self.env_kwargs
+        return {**self.env_kwargs, "split": "test", "draw": "cycle"} if self._n_test_tasks() else self.env_kwargs
 
-    def _n_test_tasks(self, eval_env: VecEnv) -> int:
-        return len(eval_env.get_attr("task_distribution")[0].tasks("test")) if self._is_ours() else 1
+    def _n_test_tasks(self) -> int:
+        """Count the test tasks, 0 if the environment does not list them."""
+        return len(listed_tasks(self.env_name.gym_id, self.env_kwargs, "test"))
 
     def _whole_cycles(self, n_tasks: int) -> int:
         """Round ``n_eval_episodes`` up, so that every evaluation env meets each of its tasks equally often.
@@ -244,9 +257,6 @@ class TaskExperiment(ExperimentManager):
         """
         cycle = n_tasks * self.n_eval_envs
         return cycle * math.ceil(self.n_eval_episodes / cycle)
-
-    def _is_ours(self) -> bool:
-        return self.entry_point(self.env_name.gym_id).startswith("sb3_bruno_envs")
 
     def _names_its_task(self) -> bool:
         env = gym.make(self.env_name.gym_id, **self.env_kwargs)

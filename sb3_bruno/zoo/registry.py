@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
+from difflib import get_close_matches
+from typing import Any
 
+import gymnasium as gym
 import rl_zoo3
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 
@@ -33,10 +36,56 @@ def register() -> None:
     """
     importlib.import_module("sb3_bruno_envs")
     rl_zoo3.ALGOS.update(ALGORITHMS)
-    for name, algorithm in ALGORITHMS.items():
-        space = SearchSpace(find_encoder(algorithm.default_encoder))
-        HYPERPARAMS_SAMPLER[name] = space.sample
-        HYPERPARAMS_CONVERTER[name] = space.convert
+    for name in ALGORITHMS:
+        HYPERPARAMS_SAMPLER[name], HYPERPARAMS_CONVERTER[name] = sampler_of(name, {}), converter_of(name, {})
+
+
+def search_space_of(algo: str, config: Mapping[str, Any]) -> SearchSpace | None:
+    """Make the search space of one of our algorithms with a config, which may choose another encoder.
+
+    Args:
+        algo: rl_zoo3's name of the algorithm.
+        config: the hyperparameters that are not drawn.
+
+    Returns:
+        None if the algorithm is not ours.
+    """
+    if algo not in ALGORITHMS:
+        return None
+    encoder_class = config.get("encoder_class") or ALGORITHMS[algo].default_encoder
+    return SearchSpace(find_encoder(encoder_class), config.get("encoder_kwargs"))
+
+
+def sampler_of(algo: str, config: Mapping[str, Any]) -> Callable[..., dict[str, Any]]:
+    """Find the function that draws hyperparameters, as rl_zoo3 calls it."""
+    space = search_space_of(algo, config)
+    sampler: Callable[..., dict[str, Any]] = HYPERPARAMS_SAMPLER[algo] if space is None else space.sample
+    return sampler
+
+
+def converter_of(algo: str, config: Mapping[str, Any]) -> Callable[..., dict[str, Any]]:
+    """Find the function that converts what was drawn, as rl_zoo3 calls it."""
+    space = search_space_of(algo, config)
+    converter: Callable[..., dict[str, Any]] = HYPERPARAMS_CONVERTER[algo] if space is None else space.convert
+    return converter
+
+
+def check_registered(env_id: str) -> None:
+    """Refuse an environment that nobody has registered.
+
+    Raises:
+        ValueError: naming the nearest id, or the flag that is missing.
+    """
+    if env_id in gym.registry:
+        return
+    package, colon, name = env_id.rpartition(":")
+    if colon:
+        raise ValueError(f"--env {env_id} is not registered: give --gym-packages {package} --env {name}")
+    remedy = "name the package that does by --gym-packages"
+    nearest = get_close_matches(env_id, gym.registry, n=1)
+    if nearest:
+        remedy = f"did you mean {nearest[0]}? Or {remedy}"
+    raise ValueError(f"--env {env_id} is not registered: {remedy}")
 
 
 def import_packages(packages: Iterable[str]) -> None:

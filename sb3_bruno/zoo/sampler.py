@@ -5,13 +5,15 @@ Each encoder brings the part for its own arguments. One core can afford the uppe
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import optuna
+import torch as th
 
 from sb3_bruno.encoders import TaskEncoder
 
+TRIED_DIMS = (8, 2, 2)  # of the observation, action and task of the encoders that are built to try an argument
 NETS = {"small": [64, 64], "medium": [128, 128], "big": [256, 256]}
 
 
@@ -20,10 +22,12 @@ class SearchSpace:
 
     Args:
         encoder: the encoder's class, whose ``search_space`` is searched too.
+        encoder_kwargs: the encoder's arguments that are not drawn. Values that it refuses beside them are left out.
     """
 
-    def __init__(self, encoder: type[TaskEncoder]) -> None:
+    def __init__(self, encoder: type[TaskEncoder], encoder_kwargs: Mapping[str, Any] | None = None) -> None:
         self.encoder = encoder
+        self.encoder_kwargs = encoder_kwargs or {}
 
     def sample(
         self, trial: optuna.Trial, n_actions: int, n_envs: int, additional_args: dict[str, Any]
@@ -51,12 +55,25 @@ class SearchSpace:
             if isinstance(choices, range):
                 trial.suggest_int(name, choices[0], choices[-1], step=choices.step)
             else:
-                trial.suggest_categorical(name, list(choices))
+                trial.suggest_categorical(name, self._accepted(name, choices))
         rate = self.encoder.learning_rate
         trial.suggest_float("encoder_learning_rate", 0.3 * rate, 5 * rate, log=True)
         if self.encoder.learns_from == "own":
             trial.suggest_int("encoder_update_ratio_pow", -3, 0)
         return self.convert({**trial.params, "n_envs": n_envs})
+
+    def _accepted(self, name: str, choices: Sequence[Any]) -> list[Any]:
+        """Keep the values that the encoder takes; all of them if it takes none, so that its own error is told."""
+        accepted = [choice for choice in choices if self._takes({**self.encoder_kwargs, name: choice})]
+        return accepted or list(choices)
+
+    def _takes(self, encoder_kwargs: dict[str, Any]) -> bool:
+        with th.random.fork_rng([]):
+            try:
+                self.encoder.build(*TRIED_DIMS, **encoder_kwargs)
+            except ValueError:
+                return False
+        return True
 
     def convert(self, sampled_params: Mapping[str, Any]) -> dict[str, Any]:
         """Convert drawn values to constructor arguments.

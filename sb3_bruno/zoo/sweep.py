@@ -9,17 +9,15 @@ import argparse
 import copy
 from typing import Any
 
-import gymnasium as gym
 import optuna
 import rl_zoo3
 from rl_zoo3.callbacks import TrialEvalCallback
-from rl_zoo3.hyperparams_opt import HYPERPARAMS_SAMPLER
 from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.zoo.configs import merged
 from sb3_bruno.zoo.experiment import TaskExperiment
-from sb3_bruno.zoo.registry import import_packages
+from sb3_bruno.zoo.registry import check_registered, import_packages, sampler_of
 from sb3_bruno.zoo.study import SweepSettings
 from sb3_bruno.zoo.workers import OWNER, this_process
 
@@ -36,8 +34,7 @@ class SweepExperiment(TaskExperiment):
 
     def __init__(self, settings: SweepSettings) -> None:
         import_packages(settings.get("gym_packages", []))
-        if settings["env"] not in gym.registry:
-            raise ValueError(f"--env {settings['env']} is not registered: name the package that does by --gym-packages")
+        check_registered(settings["env"])
         self._config = settings["config"]
         super().__init__(
             argparse.Namespace(),
@@ -85,7 +82,7 @@ class SweepExperiment(TaskExperiment):
         An error fails the trial; rl_zoo3 would count it as pruned.
         """
         trial.set_user_attr(OWNER, this_process())
-        drawn = HYPERPARAMS_SAMPLER[self.algo](trial, self.n_actions, self.n_envs, self._additional_args())
+        drawn = sampler_of(self.algo, self._config)(trial, self.n_actions, self.n_envs, self._additional_args())
         env, eval_env = self.create_envs(self.n_envs), self.create_envs(1, eval_env=True)
         try:
             hyperparams = merged(self._hyperparams, drawn)

@@ -86,3 +86,13 @@ def test_outcomes_come_in_the_envs_own_units(normalize):
         np.testing.assert_allclose((samples.numpy().mean(axis=0) - means[key]) / scale, 0, atol=0.05)
         np.testing.assert_allclose(samples.numpy().std(axis=0) / scale, 1, rtol=0.05)
     assert outcomes.mean().rewards.shape == outcomes.quantile(0.9).rewards.shape == (1,)
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"), [("observations", (5, 2)), ("actions", (5, 2)), ("rewards", (5,)), ("next_observations", (4, 3))]
+)
+def test_an_array_of_a_wrong_shape_is_named(name, shape):
+    right = Transitions(np.zeros((5, 3)), np.zeros((5, 1)), np.zeros((5, 1)), np.zeros((5, 3)))
+    named = "actions" if name == "rewards" else name  # the rewards' shape is taken as that of all
+    with pytest.raises(ValueError, match=rf"`{named}` has shape .*, expected .*: rewards are \(\.\.\., 1\)"):
+        make_model(False).infer(right._replace(**{name: np.zeros(shape)}))

@@ -267,6 +267,7 @@ def test_without_a_target_encoder_there_is_none():
         ({"encoder_kwargs": {"learns_from": "own"}}, "'critic' or 'actor'"),
         ({"encoder_kwargs": {"max_grad_norm": 0.0}}, "None never clips"),
         ({"encoder_kwargs": {"hiden_size": 8}}, "did you mean `hidden_size`"),
+        ({"encoder_class": "bruno", "encoder_kwargs": {"cell": "gru"}}, "has no `cell`: it takes modelled,"),
         ({"replay_buffer_kwargs": {"sequences_length": 8}}, "did you mean `sequence_length`"),
         ({"policy_kwargs": {"forget_threshold": 5.0}}, "ability `Predicts`"),
     ],

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
+from sb3_bruno.evaluation.eval_callback import load_learning_curve
 
 PACKAGE = (
     "import gymnasium as gym\n"
@@ -51,6 +52,18 @@ def test_it_is_searched_by_workers_that_import_it_themselves(run):
     forget()
     printed, mistake = run("sweep", "run", *STUDY, "--max-total-trials", 1)
     assert mistake == "" and "1 complete" in printed
+
+
+def test_a_family_is_evaluated_on_its_test_tasks_while_it_is_trained(run, package, tmp_path):
+    package.write_text(
+        "from sb3_bruno_envs import Family, PointDirEnv, TaskSet, register_family\n"
+        "TASKS = TaskSet([[-1.0, 0.0], [1.0, 0.0]], [[0.0, 1.0], [0.6, 0.8], [-0.6, 0.8]])\n"
+        "MINE = Family(PointDirEnv, TASKS, max_episode_steps=10)\n"
+        "register_family('Mine-v0', MINE)\n"
+    )
+    assert run(*TRAIN, "--eval-freq", 64, "--eval-episodes", 1)[1] == ""
+    curve = load_learning_curve(tmp_path / "logs" / "bruno_sac" / "Mine-v0_1")
+    np.testing.assert_allclose(curve.tasks[0], [[0.0, 1.0], [0.6, 0.8], [-0.6, 0.8]], rtol=1e-6)
 
 
 @pytest.mark.parametrize("damage", [None, "import no_such_library", "1 / 0"], ids=["gone", "no library", "error"])

@@ -231,7 +231,12 @@ def test_a_killed_run_is_resumed_exactly(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["train", "--env", "Pointdir-v0"], "maybe meant PointDir-v0"),
+        (["train", "--env", "Pointdir-v0"], "did you mean PointDir-v0?"),
+        (["train", "--env", "Mine-v0"], "Mine-v0 is not registered: name the package that does by --gym-packages"),
+        (["train", "--env", "my_envs:Mine-v0"], "give --gym-packages my_envs --env Mine-v0"),
+        (["enjoy", "--env", "Mine-v0"], "Mine-v0 is not registered: name the package that does by --gym-packages"),
+        (["record-video", "--env", "Mine-v0"], "name the package that does by --gym-packages"),
+        (["train", "--env", "Pendulum-v1"], "bruno_sac.yml has no Pendulum-v1: give another file by -conf"),
         (["train", "--env", "PointDir-v0", "-n", "9", "-params", "learning_rat:1"], "'learning_rat'"),
         (["train", "-params", "gamma=1"], "invalid syntax"),
         (

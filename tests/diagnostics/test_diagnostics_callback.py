@@ -16,7 +16,7 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecNormalize
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from sb3_bruno import BrunoSAC
+from sb3_bruno import BrunoSAC, RecurrentSAC
 from sb3_bruno.diagnostics.callback import DiagnosticsCallback
 from sb3_bruno.diagnostics.diagnose import diagnose
 from sb3_bruno.diagnostics.result import Diagnostics
@@ -80,3 +80,10 @@ def test_errors_name_the_argument_and_the_remedy() -> None:
     model = SAC("MlpPolicy", gym.make(ENV_ID, observe="plain"), learning_starts=100, device="cpu")
     with pytest.raises(ValueError, match="model is of class SAC, which has no belief: use BrunoSAC or a sibling"):
         model.learn(2, DiagnosticsCallback(make_env, TASKS, 1))
+
+
+def test_an_encoder_that_cannot_be_diagnosed_is_refused_before_training() -> None:
+    model = RecurrentSAC("MlpPolicy", make_vec_env(ENV_ID, 2), policy_kwargs={"net_arch": [16]})
+    with pytest.raises(ValueError, match="`diagnose` needs an encoder with the ability `HasPosterior`"):
+        model.learn(80, DiagnosticsCallback(make_env, TASKS, 1_000))
+    assert model.num_timesteps == 0

@@ -89,6 +89,12 @@ class Unreached(Sums):
         self.idle = th.nn.Parameter(th.ones(1))
 
 
+class Untaught(Sums):
+    """Says that it learns from a loss of its own, and has none."""
+
+    learns_from = "own"
+
+
 class VectorLoss(Sums):
     """Forgets the mean."""
 
@@ -113,6 +119,7 @@ def test_what_works_passes_and_leaves_torchs_random_state(encoder_class):
         (CountsPadding, "of weight 0"),
         (Ordered, "set `order = 'time'`"),
         (Unreached, r"no gradient reaches \['idle'\]"),
+        (Untaught, r"there is no `loss` that \['factor'\] could learn from: define one, or set `learns_from`"),
         (VectorLoss, r"returns \['total'\] of other shapes"),
     ],
 )

@@ -3,7 +3,7 @@
 An unused ``type: ignore`` is an error there, so each of them says that a mistake is seen.
 """
 
-from sb3_bruno import BrunoSAC, BrunoTD3, RecurrentCrossQ, RecurrentSAC, RecurrentTQC
+from sb3_bruno import BrunoSAC, BrunoTD3, RecurrentCrossQ, RecurrentSAC, RecurrentTQC, TaskSAC
 
 ENV = "sb3_bruno_envs:PointDir-v0"
 
@@ -18,10 +18,13 @@ BrunoSAC(
 )
 RecurrentSAC("MlpPolicy", ENV, encoder_kwargs={"cell": "lstm", "hidden_size": 32}, encoder_tau=0.05)
 RecurrentTQC("MlpPolicy", ENV, top_quantiles_to_drop_per_net=2)
+model = TaskSAC("MlpPolicy", ENV, encoder_class="recurrent", encoder_kwargs={"hidden_size": 8})
+loaded = TaskSAC.load("agent")
 
 BrunoSAC("MlpPolicy", ENV, learning_rte=1e-3)  # type: ignore[call-arg]
 BrunoSAC("MlpPolicy", ENV, critic_input="tasks")  # type: ignore[arg-type]
 BrunoSAC("MlpPolicy", ENV, encoder_kwargs={"proces": "gaussian"})  # type: ignore[arg-type]
+BrunoSAC("MlpPolicy", ENV, encoder_kwargs={"process": "gausian"})  # type: ignore[arg-type]
 BrunoSAC("MlpPolicy", ENV, encoder_kwargs={"cell": "lstm"})  # type: ignore[arg-type]
 BrunoSAC("MlpPolicy", ENV, replay_buffer_kwargs={"contxt": "iid"})  # type: ignore[arg-type]
 RecurrentSAC("MlpPolicy", ENV, encoder_kwargs={"hidden_size": "32"})  # type: ignore[arg-type]

@@ -4,19 +4,22 @@ import subprocess
 import sys
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import optuna
 import pytest
 import yaml
 from optuna.trial import TrialState
 
-from sb3_bruno.encoders import RecurrentEncoder, find_encoder
+from sb3_bruno.encoders import BrunoEncoder, RecurrentEncoder, find_encoder
 from sb3_bruno.zoo.configs import config_file
-from sb3_bruno.zoo.registry import ALGORITHMS, register
+from sb3_bruno.zoo.held_out import hold_out, listed_tasks
+from sb3_bruno.zoo.registry import ALGORITHMS, converter_of, register, sampler_of
 from sb3_bruno.zoo.sampler import SearchSpace
 from sb3_bruno.zoo.study import create_study, load_study
 from sb3_bruno.zoo.sweep import SweepExperiment
 from sb3_bruno.zoo.workers import is_gone, this_process
+from sb3_bruno_envs import Family, PointDirEnv, TaskSampler, TaskSet, register_family
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -89,6 +92,47 @@ def test_drawn_values_are_those_that_parameters_convert_to_and_build_a_model(alg
     assert drawn["gradient_steps"] >= 1
     assert yaml.safe_load(yaml.safe_dump(drawn)) == drawn
     algorithm("MlpPolicy", "PointDir-v0", **drawn)
+
+
+def test_the_space_is_that_of_the_encoder_that_the_config_chooses():
+    config = {"encoder_class": "recurrent"}
+    trial = optuna.create_study().ask()
+    drawn = sampler_of("bruno_sac", config)(trial, 2, 10, {})
+    assert drawn["encoder_kwargs"].keys() == RecurrentEncoder.search_space.keys()
+    assert converter_of("bruno_sac", config)({**trial.params, "n_envs": 10}) == drawn
+
+
+def test_a_value_that_the_encoder_refuses_beside_the_config_is_not_drawn():
+    trial = optuna.create_study().ask()
+    SearchSpace(BrunoEncoder, {"modelled": "next_observations"}).sample(trial, 2, 10, {})
+    assert trial.distributions["condition_on_next"].choices == (False,)
+    assert trial.distributions["process"].choices == BrunoEncoder.search_space["process"]
+
+
+@pytest.fixture
+def drift():
+    """An environment of somebody else's family: twelve training tasks and three test tasks."""
+    angles = np.linspace(0.0, np.pi, 12)
+    tasks = TaskSet(np.stack([np.cos(angles), np.sin(angles)], axis=1), [[0.6, 0.8], [-0.6, 0.8], [0.0, -1.0]])
+    register_family("Drift-v0", Family(PointDirEnv, tasks, max_episode_steps=5))
+    yield "Drift-v0"
+    del gym.registry["Drift-v0"]
+
+
+def test_the_tasks_of_anybodys_family_are_listed_and_held_out(drift):
+    assert listed_tasks(drift, {}, "test").shape == (3, 2)
+    held_out = hold_out(drift, {})
+    assert (held_out.train["tasks"].shape, held_out.judge["tasks"].shape, held_out.n_tasks) == ((10, 2), (2, 2), 2)
+
+
+def test_an_env_without_a_list_of_tasks_has_none(drift):
+    endless = TaskSampler(lambda rng: rng.uniform(-1, 1, size=2), space=gym.spaces.Box(-1, 1, (2,)))
+    register_family("Endless-v0", Family(PointDirEnv, endless, max_episode_steps=5))
+    try:
+        assert len(listed_tasks("Endless-v0", {}, "test")) == 0
+    finally:
+        del gym.registry["Endless-v0"]
+    assert len(listed_tasks("Pendulum-v1", {}, "test")) == 0
 
 
 def test_an_integer_of_a_search_space_is_drawn_as_one():
