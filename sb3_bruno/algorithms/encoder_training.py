@@ -179,7 +179,8 @@ class EncoderTraining(OffPolicyAlgorithm):
         target = self.policy.encoder_target
         if target is not None and self.encoder_tau is not None:
             polyak_update(self.encoder.parameters(), target.parameters(), self.encoder_tau)
-            polyak_update(self.encoder.buffers(), target.buffers(), 1.0)
+            for buffer, followed in zip(target.buffers(), self.encoder.buffers(), strict=True):
+                buffer.copy_(followed)  # running statistics, and what is no number to average, such as an order
 
     def _finish_updates(self, scalars: Sequence[Mapping[str, Tensor]]) -> None:
         """Encode the running episodes again, and log the mean of what each of the updates has to tell."""
