@@ -25,7 +25,7 @@ CONTEXTS = (1, 3, 10, 40)
 
 def accuracy(encoder: BrunoEncoder, buffer: TaskReplayBuffer) -> list[float]:
     """Measure the share of directions that are right after each of ``CONTEXTS`` transitions."""
-    slots, tasks = buffer.exchangeable_slots(1_600)
+    slots, tasks = buffer.exchangeable_slots(1_600, buffer.sequence_length)
     direction = tasks[:, 1] > tasks[:, 0]
     with th.no_grad():
         prefixes = encoder.eval().prefixes(buffer.transitions(slots[:, : CONTEXTS[-1]]))

@@ -237,7 +237,7 @@ def test_a_killed_run_is_resumed_exactly(run, tmp_path):
         (["enjoy", "--env", "Mine-v0"], "Mine-v0 is not registered: name the package that does by --gym-packages"),
         (["record-video", "--env", "Mine-v0"], "name the package that does by --gym-packages"),
         (["train", "--env", "Pendulum-v1"], "bruno_sac.yml has no Pendulum-v1: give another file by -conf"),
-        (["train", "--env", "PointDir-v0", "-n", "9", "-params", "learning_rat:1"], "'learning_rat'"),
+        (["train", "--env", "PointDir-v0", "-n", "9", "-params", "learning_rat:1"], "`learning_rat`: did you mean"),
         (["train", "-params", "gamma=1"], "invalid syntax"),
         (
             ["train", "-conf", "none.yml"],

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sb3_bruno.cli import main
+from sb3_bruno.cli.main import main
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.interquartile import interquartile_mean
 from sb3_bruno.report.page import by_method
