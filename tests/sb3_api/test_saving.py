@@ -41,9 +41,10 @@ def test_a_loaded_model_has_the_same_parameters_actions_and_beliefs(algorithm, m
         if isinstance(model.encoder, HasPosterior):
             assert_same(model.belief(state).mean, loaded.belief(state).mean)
         assert env.action_space.contains(action[0])
-    if with_env:
-        loaded.learn(50, reset_num_timesteps=False)
-        assert loaded.num_timesteps == 120
+    if not with_env:
+        loaded.set_env(env)
+    loaded.learn(50, reset_num_timesteps=False)
+    assert loaded.num_timesteps == 120
 
 
 @for_each(BRUNO)
