@@ -21,7 +21,7 @@ from sb3_bruno.cli.parser import add_gym_packages, at_least_one, command_parser
 from sb3_bruno.runs.denormals import flushed_denormals
 from sb3_bruno.zoo.configs import config_file, merged, read_configs
 from sb3_bruno.zoo.one_line import in_one_line
-from sb3_bruno.zoo.registry import converter_of
+from sb3_bruno.zoo.registry import converter_of, import_packages
 from sb3_bruno.zoo.study import SETTINGS, SweepSettings, check_config, create_study, load_study
 from sb3_bruno.zoo.sweep import SweepExperiment
 from sb3_bruno.zoo.workers import COUNTED, GIVEN_BACK, OWNER, give_back_surplus, requeue_lost_trials
@@ -172,7 +172,10 @@ def best(options: argparse.Namespace) -> None:
         raise Mistake(f"no trial of {options.study_name} is complete: start workers with sb3-bruno sweep run")
     settings, trial = study.user_attrs[SETTINGS], study.best_trial
     base = settings["config"]
-    drawn = converter_of(settings["algo"], base)({**trial.params, "n_envs": base.get("n_envs", 1)})
+    with told_as_mistake():
+        import_packages(settings.get("gym_packages", []))  # which may name the config's encoder
+        convert = converter_of(settings["algo"], base)
+    drawn = convert({**trial.params, "n_envs": base.get("n_envs", 1)})
     config = {settings["env"]: {**merged(base, drawn), **merged_texts(base, drawn)}}
     made_by = f"# Trial {trial.number} of {len(study.trials)} of {options.study_name}: return {trial.value:.2f} after "
     made_by += f"{settings['n_timesteps']:,} env steps, on training tasks held out.\n"

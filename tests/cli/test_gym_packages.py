@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
+from sb3_bruno.encoders import ENCODERS
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.eval_callback import load_learning_curve
 
@@ -23,6 +24,7 @@ def forget():
     """Be as a new process, which has not imported the package."""
     sys.modules.pop("my_envs", None)
     gym.registry.pop("Mine-v0", None)
+    ENCODERS.pop("mine", None)
 
 
 @pytest.fixture(autouse=True)
@@ -64,6 +66,23 @@ def test_a_family_is_evaluated_on_its_test_tasks_while_it_is_trained(run, packag
     assert run(*TRAIN, "--eval-freq", 64, "--eval-episodes", 1)[1] == ""
     curve = load_learning_curve(tmp_path / "logs" / "bruno_sac" / "Mine-v0_1")
     np.testing.assert_allclose(curve.tasks[0], [[0.0, 1.0], [0.6, 0.8], [-0.6, 0.8]], rtol=1e-6)
+
+
+def test_an_encoder_that_the_package_names_is_searched_and_trained(run, package, tmp_path):
+    named = "from sb3_bruno.encoders import ENCODERS, RecurrentEncoder\nENCODERS['mine'] = RecurrentEncoder\n"
+    package.write_text(PACKAGE + named)
+    entry = yaml.safe_load((tmp_path / "my.yml").read_text())["Mine-v0"]
+    (tmp_path / "my.yml").write_text(yaml.safe_dump({"Mine-v0": {**entry, "encoder_class": "mine"}}))
+    flags = ["--env", "Mine-v0", "--gym-packages", "my_envs"]
+    init = ["sweep", "init", *STUDY, *flags, "-conf", "my.yml", "-n", 64, "--n-evaluations", 1]
+    keep = ["sweep", "best", *STUDY]
+    train = ["train", *flags, "-conf", "best.yml", "--eval-freq", -1]
+    evaluate = ["evaluate", "--env", "Mine-v0", "--episodes", 1]
+    for command in (init, ["sweep", "run", *STUDY, "--max-total-trials", 1], keep, train, evaluate):
+        forget()
+        assert run(*command)[1] == ""
+    best = yaml.safe_load((tmp_path / "best.yml").read_text())["Mine-v0"]
+    assert best["encoder_class"] == "mine" and best["encoder_kwargs"].keys() == {"cell", "hidden_size"}
 
 
 @pytest.mark.parametrize("damage", [None, "import no_such_library", "1 / 0"], ids=["gone", "no library", "error"])
