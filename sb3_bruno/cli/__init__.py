@@ -3,7 +3,7 @@
 import sys
 
 
-def main() -> None:
+def console() -> None:
     """Run a command, or say in one line which extra has to be installed."""
     try:
         from sb3_bruno.cli.main import main as run

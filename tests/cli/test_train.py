@@ -204,7 +204,7 @@ def test_a_killed_run_is_resumed_exactly(run, tmp_path):
     arguments = list(map(str, tiny("--checkpoint-freq", 160, steps=2_000)))
     run(*arguments)
     whole, parts = (tmp_path / "logs" / "bruno_sac" / f"PointDir-v0_{i}" for i in (1, 2))
-    command = [sys.executable, "-c", "from sb3_bruno.cli import main; main()", *arguments]
+    command = [sys.executable, "-c", "from sb3_bruno.cli import console; console()", *arguments]
     process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 120
     while not (parts / "checkpoint.pkl").is_file() and time.monotonic() < deadline:

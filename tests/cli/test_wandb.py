@@ -34,7 +34,8 @@ def records(path):
 
 
 def test_an_offline_run_holds_what_our_algorithm_logs(tmp_path):
-    command = [sys.executable, "-c", "from sb3_bruno.cli import main; main()", *TRACK, "--track", "-params", *TINY]
+    script = "from sb3_bruno.cli import console; console()"
+    command = [sys.executable, "-c", script, *TRACK, "--track", "-params", *TINY]
     env = {**os.environ, "WANDB_MODE": "offline", "WANDB_SILENT": "true"}
     subprocess.run(command, cwd=tmp_path, env=env, stdout=subprocess.DEVNULL, check=True)
     (path,) = tmp_path.glob("wandb/offline-run-*/run-*.wandb")

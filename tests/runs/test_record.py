@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sb3_bruno.cli.main import main
+from sb3_bruno.cli import console
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.interquartile import interquartile_mean
 from sb3_bruno.report.page import by_method
@@ -97,7 +97,7 @@ def test_every_mean_over_seeds_is_interquartile(tmp_path: Path) -> None:
 def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monkeypatch) -> None:
     def report(*arguments):
         monkeypatch.setattr(sys, "argv", ["sb3-bruno", "report", *map(str, arguments), "--out", str(tmp_path / "page")])
-        main()
+        console()
 
     clocked = run_folder(tmp_path / "c", 3, "sac", conf="oracle")
     (clocked / "0.monitor.csv").write_text('#{"t_start": 0.0}\nr,l,t\n1,200,60\n1,200,180\n')
@@ -137,4 +137,4 @@ def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monk
     assert not (tmp_path / "page" / "bruno_sac" / "seed9").exists(), "nor of other tasks"
     monkeypatch.setattr(sys, "argv", ["sb3-bruno", "report", "--out", str(tmp_path / "none")])
     with pytest.raises(SystemExit, match="give folders of runs that were tested"):
-        main()
+        console()
