@@ -18,6 +18,8 @@ FAMILIES = {
     "CartpoleSwingUp-v0": "sb3_bruno_envs.classic.cartpole:CARTPOLE_SWING_UP",
     "CheetahParams-v0": "sb3_bruno_envs.mujoco.cheetah_params:CHEETAH_PARAMS",
     "PointDir-v0": "sb3_bruno_envs.classic.point_dir:POINT_DIR",
+    "PointGoal-v0": "sb3_bruno_envs.classic.point_goal:POINT_GOAL",
+    "PointRotation-v0": "sb3_bruno_envs.classic.point_rotation:POINT_ROTATION",
     "SparsePointGoal-v0": "sb3_bruno_envs.classic.sparse_point_goal:SPARSE_POINT_GOAL",
 }
 """The place of each id's family. A new family is a file of its own and a line here."""

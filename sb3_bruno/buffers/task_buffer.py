@@ -47,7 +47,7 @@ class TaskReplayBuffer(TaskRing):
     A sample is ``n_sequences`` tasks, drawn uniformly with replacement, with a sequence of transitions each. The
     belief at a transition is that of the transitions before it in its sequence; ``context`` says which those are:
 
-    - ``"iid"``: drawn i.i.d. with replacement from all transitions of the task, as in the paper
+    - ``"iid"``: drawn from all transitions of the task, none twice if there are enough; the paper draws with replacement
     - ``"recent"``: the same, from the task's last ``n_recent`` transitions
     - ``"episode"``: what the agent had itself seen at that step, in its order (an episode whose first rows were
       overwritten begins at the first that is left). Of a ``Trial``, all its inner episodes are one
@@ -199,6 +199,13 @@ class TaskReplayBuffer(TaskRing):
         if self._target_encoder is not None:
             with th.inference_mode():
                 later = self._target_encoder.belief(self._target_encoder.prefixes(transitions, weights))
+        arrivals, later = transitions.next_observations, later[:, 1:]
+        inner_ends = self.flat(self.inner_ends)[slots]
+        if inner_ends.any():  # the next inner episode begins, and nothing was absorbed: values flow on from there
+            ended = th.as_tensor(inner_ends, device=self.device)[..., None]
+            (begun,) = to_device([self.restarts(slots[inner_ends], env)], self.device)
+            arrivals = arrivals.masked_scatter(ended, begun)
+            later = th.where(ended, beliefs[:, :-1], later)
         tasks = tasks[:, None].expand(-1, slots.shape[1], -1)
         dones = self.flat(self.dones)[slots] * (1 - self.flat(self.timeouts)[slots])
         scalars = [self._normalize_reward(self.flat(self.rewards)[slots], env)[..., None], dones[..., None]]
@@ -206,7 +213,7 @@ class TaskReplayBuffer(TaskRing):
         samples = ReplayBufferSamples(
             observations=self._layout.join(transitions.observations, beliefs[:, :-1], tasks),
             actions=actions,
-            next_observations=self._layout.join(transitions.next_observations, later[:, 1:], tasks),
+            next_observations=self._layout.join(arrivals, later, tasks),
             dones=done,
             rewards=rewards,
         )

@@ -27,8 +27,8 @@ class TaskRing(ReplayBuffer):
     """Stores transitions in a ring, grouped by the task in ``info["task"]``.
 
     Once ``buffer_size`` transitions are in, the oldest are overwritten, of whatever task. A task whose last transition
-    goes is no longer drawn. Where an info has ``"final_observation"``, an inner episode of a trial ended, and that is
-    the next observation.
+    goes is no longer drawn. Where an info has ``"final_observation"``, an inner episode of a trial ended: the transition
+    led there, and what the agent was shown next begins another inner episode.
 
     Args:
         buffer_size: number of transitions, over all environments.
@@ -60,6 +60,7 @@ class TaskRing(ReplayBuffer):
         self.tasks = TaskIndex(self.buffer_size * n_envs)
         self.episodes = EpisodeIndex(self.buffer_size, n_envs)
         self.inner_ends = np.zeros((self.buffer_size, n_envs), dtype=bool)
+        self._restarts: dict[int, NDArray[Any]] = {}  # by slot: the observation that begins the next inner episode
 
     def __getstate__(self) -> dict[str, Any]:
         """Keep only the rows of the ring that are filled."""
@@ -77,6 +78,7 @@ class TaskRing(ReplayBuffer):
         super().reset()
         self.tasks = TaskIndex(self.buffer_size * self.n_envs)
         self.episodes = EpisodeIndex(self.buffer_size, self.n_envs)
+        self._restarts = {}
 
     def add(  # type: ignore[override]  # observations are a Dict here, flat in the parent
         self,
@@ -103,10 +105,12 @@ class TaskRing(ReplayBuffer):
         self.episodes.put(done)
         self.inner_ends[self.pos] = ["final_observation" in info for info in infos]
         arrivals = np.array(next_obs["observation"])
-        # Not done, even where the inner episode terminated: the trial goes on, and unless values flow through its inner
-        # ends, as they do through a time limit, nothing is earned by finding out what only later episodes are paid for.
-        for arrival, info in zip(arrivals, infos, strict=True):
+        # Not done, even where the inner episode terminated: the trial goes on from where the next one begins, and unless
+        # values flow through its inner ends, nothing is earned by finding out what only later episodes are paid for.
+        for slot, arrival, info in zip(range(first_slot, first_slot + self.n_envs), arrivals, infos, strict=True):
+            self._restarts.pop(slot, None)
             if "final_observation" in info:
+                self._restarts[slot] = arrival.copy()
                 arrival[...] = info["final_observation"]
         super().add(obs["observation"], arrivals, action, reward, done, infos)
 
@@ -115,7 +119,10 @@ class TaskRing(ReplayBuffer):
     def exchangeable_slots(
         self, n_sequences: int, length: int, n_recent: int | None = None
     ) -> tuple[Slots, NDArray[np.float32]]:
-        """Draw slots i.i.d. with replacement within tasks, which are drawn uniformly with replacement.
+        """Draw slots uniformly within tasks, which are drawn uniformly with replacement.
+
+        Within a task no slot is drawn twice, so that no belief rests on the transition that it is used at; a task that
+        has fewer than ``length`` gives them with replacement.
 
         Args:
             n_sequences: number of tasks.
@@ -126,11 +133,10 @@ class TaskRing(ReplayBuffer):
             Slots (n_sequences, length) and tasks (n_sequences, task_dim).
         """
         queues = self._draw_tasks(n_sequences)
-        fractions = self.rng.random((n_sequences, length))
-        slots = np.empty(fractions.shape, dtype=np.int64)
+        slots = np.empty((n_sequences, length), dtype=np.int64)
         for row, queue in enumerate(queues):
             pool = queue.slots if n_recent is None else queue.slots[-n_recent:]
-            slots[row] = pool[(fractions[row] * len(pool)).astype(np.int64)]
+            slots[row] = pool[self.rng.choice(len(pool), length, replace=len(pool) < length)]
         return slots, np.stack([queue.task for queue in queues])
 
     def episode_slots(self, n_sequences: int) -> tuple[Slots, NDArray[np.float32], Slots]:
@@ -166,13 +172,21 @@ class TaskRing(ReplayBuffer):
 
     def observed(self, slots: Slots, env: VecNormalize | None) -> list[NDArray[Any]]:
         """Gather s, a, r and s' in ``slots`` as the agent observed them, as flat arrays (..., dim)."""
-        stored = TransitionArrays(
+        return [array.reshape(*slots.shape, -1) for array in normalize(self._stored(slots), env)]
+
+    def restarts(self, slots: Slots, env: VecNormalize | None) -> NDArray[Any]:
+        """Gather the observations that begin another inner episode after those that ended in ``slots`` (n,), flat."""
+        begun = np.stack([self._restarts[slot] for slot in slots.tolist()])
+        observed = normalize(self._stored(slots)._replace(next_observations=begun), env)
+        return observed.next_observations.reshape(len(slots), -1)
+
+    def _stored(self, slots: Slots) -> TransitionArrays:
+        return TransitionArrays(
             self.flat(self.observations)[slots],
             self.flat(self.actions)[slots],
             self.flat(self.rewards)[slots][..., None],
             self.flat(self.next_observations)[slots],
         )
-        return [array.reshape(*slots.shape, -1) for array in normalize(stored, env)]
 
     def absorbed(self, slots: Slots) -> NDArray[np.bool_]:
         """Tell in which slots (...) there are transitions that the agent absorbed.

@@ -1,9 +1,9 @@
-"""BRUNO: a conditional flow with an exchangeable Gaussian process in its latent space.
+"""BRUNO: a flow with a process in its latent space, from which a belief over the task follows in closed form.
 
-    y = (r, s', eps), x = (s, a), z = flow(y | x), theta ~ N(0, rho), z_i | theta ~ N(theta, v - rho)
+    z = flow(y | x),   z_i | w ~ N(b(x_i) + Phi(x_i) w, diag S(x_i)),   w ~ N(0, I)
 
-From the transitions seen so far follows a belief over theta in closed form. Their order does not matter. Where the
-reward alone is modelled, y = (r, eps), and x may be (s, a, s'). A Student-t process may stand for the Gaussian.
+y = (r, s') is given x = (s, a). The order of the transitions does not matter. The paper's own process is the special
+case in which b, Phi and S are constant; there, noise may augment y.
 """
 
 from __future__ import annotations
@@ -19,74 +19,71 @@ from zuko.lazy import Flow
 
 from sb3_bruno.encoders.abilities import Outcomes
 from sb3_bruno.encoders.base import Loss, TaskEncoder, TaskSequences, Transitions, map_memory
-from sb3_bruno.maths.exchangeable import Distance, Statistics
-from sb3_bruno.maths.flow import ConditionalFlow, Latents
-from sb3_bruno.maths.processes import PROCESSES
-from sb3_bruno.maths.standardize import Standardize
+from sb3_bruno.encoders.exchangeable_model import ExchangeableModel
+from sb3_bruno.encoders.kernel_model import KernelModel
+from sb3_bruno.encoders.latents import LatentModel, Seen
+from sb3_bruno.encoders.variables import Modelled, Variables
+from sb3_bruno.maths.exchangeable import Distance
+from sb3_bruno.maths.processes import EXCHANGEABLE, KERNEL
 
 NOISE_ENTROPY = 0.5 * math.log(2 * math.pi * math.e)
 """Entropy of one standard normal noise dimension, in nats."""
 
-ProcessName = Literal["gaussian", "student_t", "shared_student_t"]
-Modelled = Literal["rewards", "next_observations", "both"]
+ProcessName = Literal["kernel", "kernel_student_t", "gaussian", "student_t", "shared_student_t"]
 Objective = Literal["paper", "holdout", "prequential"]
-BeliefForm = Literal["mean_var", "mean"]
+BeliefForm = Literal["mean", "mean_std", "mean_var"]
 
 
 class BrunoArguments(TypedDict, total=False):
     """The ``encoder_kwargs`` of ``BrunoEncoder``."""
 
     modelled: Modelled
-    condition_on_next: bool
-    extra_dims: int | None
-    flow_class: str | Callable[..., Flow]
-    flow_kwargs: dict[str, Any] | None
+    condition_on_next: bool | None
     process: ProcessName
+    n_weights: int
+    net_arch: Sequence[int]
+    extra_dims: int
+    flow_class: str | Callable[..., Flow] | None
+    flow_kwargs: dict[str, Any] | None
     objective: Objective
     belief: BeliefForm
 
 
-class BrunoEncoder(TaskEncoder[Statistics]):
+class BrunoEncoder(TaskEncoder[Any]):
     r"""Creates the BRUNO task encoder.
 
     Reference: Korshunova et al., Exchangeable Models in Meta Reinforcement Learning (2020), sections 2.1 to 2.3.
-
-    Noise that augments the transitions is an argument. Without it, it is zero: so a belief is a function of the
-    transitions, the same in training, rollouts and tests; only the bound draws noise.
 
     Args:
         observation_dim: dimension of the (flattened) observation s.
         action_dim: dimension of the action a.
         modelled: what y holds: ``"rewards"`` (tasks that differ in their rewards alone), ``"next_observations"`` (in
             their dynamics alone), or ``"both"``.
-        condition_on_next: whether x holds s' too, so that a reward that depends on where the action led speaks of the
-            task and not of the noise in between. Only where the reward alone is modelled; not in the paper.
-        extra_dims: noise dimensions that augment y (section 2.2). None: 4, as in the paper, where the reward is
-            modelled alone, and 0 otherwise.
+        condition_on_next: whether the reward is modelled given s' too, so that a reward that depends on where the
+            action led speaks of the task and not of the noise in between. Not in the paper. None: where the model can,
+            which without a kernel maps rewards and next observations by one flow, if both are modelled.
+        process: ``"kernel"``, or ``"kernel_student_t"``, whose belief has a scale that depends on the data;
+            ``"gaussian"`` as in the paper, or ``"student_t"`` and ``"shared_student_t"`` (one scale for all latent
+            dimensions), which know nothing of x.
+        n_weights: K, how many weights describe the task in a process with a kernel. Those not needed fall silent.
+        net_arch: hidden layers of the networks of a kernel's features.
+        extra_dims: noise dimensions that augment y (section 2.2), without a kernel.
         flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``, or names one of
-            ``sb3_bruno.maths.flow.FLOWS``: ``"paper_maf"``, or ``"reflected_maf"`` where what speaks for a task at one
-            x speaks against it at another (a direction: the reward's sign turns with the velocity's).
+            ``sb3_bruno.maths.flow.FLOWS``; None for no flow. With a kernel it maps the reward alone.
         flow_kwargs: further arguments of ``flow_class``.
-        process: the process in the latent space: ``"gaussian"`` as in the paper, or ``"student_t"``, whose belief has
-            a variance that depends on the data; ``"shared_student_t"`` has one scale for all latent dimensions.
         objective: which transitions of a sequence are scored given which: ``"paper"``, ``"holdout"`` or
-            ``"prequential"``, see ``bound``. What the defaults of both are worth: ``docs/method.md``.
-        belief: what actor and critics see of the posterior: ``"mean_var"`` or ``"mean"``.
-
-    Attributes:
-        noise_dim: size of the noise that augments each transition, 0 for none.
+            ``"prequential"``, see ``bound``. What the defaults are worth: ``docs/method.md``.
+        belief: what actor and critics see of the posterior: ``"mean"``, and with it the standard deviations or the
+            variances.
 
     Raises:
-        ValueError: if ``modelled``, ``process``, ``objective`` or ``belief`` is none of the above, or ``extra_dims``
-            is negative.
+        ValueError: if an argument is none of the above, or two do not go together.
     """
 
     search_space: ClassVar[Mapping[str, Sequence[Any]]] = {
-        "flow_class": ("paper_maf", "reflected_maf"),
-        "extra_dims": range(1, 5),
-        "condition_on_next": (False, True),
-        "process": ("gaussian", "student_t"),
-        "objective": ("paper", "prequential"),
+        "process": ("kernel", "kernel_student_t"),
+        "n_weights": (4, 8, 16),
+        "belief": ("mean", "mean_std"),
     }
 
     def __init__(
@@ -94,111 +91,100 @@ class BrunoEncoder(TaskEncoder[Statistics]):
         observation_dim: int,
         action_dim: int,
         *,
-        modelled: Modelled = "rewards",
-        condition_on_next: bool = False,
-        extra_dims: int | None = None,
-        flow_class: str | Callable[..., Flow] = "paper_maf",
+        modelled: Modelled = "both",
+        condition_on_next: bool | None = None,
+        process: ProcessName = "kernel",
+        n_weights: int = 8,
+        net_arch: Sequence[int] = (128, 128),
+        extra_dims: int = 0,
+        flow_class: str | Callable[..., Flow] | None = "spline",
         flow_kwargs: dict[str, Any] | None = None,
-        process: ProcessName = "student_t",
         objective: Objective = "prequential",
-        belief: BeliefForm = "mean_var",
+        belief: BeliefForm = "mean_std",
     ) -> None:
         super().__init__()
         for name, value, known in (
             ("modelled", modelled, get_args(Modelled)),
-            ("process", process, PROCESSES),
+            ("process", process, get_args(ProcessName)),
             ("objective", objective, get_args(Objective)),
             ("belief", belief, get_args(BeliefForm)),
         ):
             if value not in known:
                 raise ValueError(f"`{name}` must be one of {', '.join(map(repr, known))}, got {value!r}.")
-        if condition_on_next and modelled != "rewards":
-            raise ValueError(f"`condition_on_next=True` needs `modelled='rewards'`, got {modelled!r}: s' is modelled.")
-        if extra_dims is None:
-            extra_dims = 4 if modelled == "rewards" else 0
         if extra_dims < 0:
             raise ValueError(f"`extra_dims` must not be negative, got {extra_dims}.")
-        self._reward_dim = 0 if modelled == "next_observations" else 1
-        self._next_observation_dim = 0 if modelled == "rewards" else observation_dim
-        self._condition_on_next = condition_on_next
+        if extra_dims and process != "gaussian":
+            raise ValueError(
+                f"`extra_dims={extra_dims}` needs `process='gaussian'`, got {process!r}: noise is zero in a belief, which a "
+                "scale inferred from the data would take for evidence, and a kernel has no use for it."
+            )
+        one_flow = process in EXCHANGEABLE and modelled == "both"
+        if one_flow and condition_on_next:
+            raise ValueError(
+                f"`condition_on_next=True` with `modelled='both'` needs a process with a kernel, got {process!r}: one flow "
+                "maps rewards and next observations together. Leave it out."
+            )
+        condition_on_next = not one_flow if condition_on_next is None else condition_on_next
+        variables = Variables(observation_dim, action_dim, modelled, condition_on_next)
+        self.model: LatentModel
+        if process in KERNEL:
+            self.model = KernelModel(variables, KERNEL[process], n_weights, net_arch, flow_class, flow_kwargs)
+        else:
+            self.model = ExchangeableModel(variables, EXCHANGEABLE[process], extra_dims, flow_class, flow_kwargs)
         self._objective = objective
         self._belief = belief
         self.shortest_sequence = 2 if objective == "holdout" else 1
-        self.noise_dim = extra_dims
-        self.latent_dim = self._reward_dim + self._next_observation_dim + extra_dims
-        self.belief_dim = 2 * self.latent_dim if belief == "mean_var" else self.latent_dim
-        context_dim = observation_dim + action_dim + (observation_dim if condition_on_next else 0)
-        self.standardize_x = Standardize(context_dim)
-        self.standardize_y = Standardize(self.latent_dim - extra_dims)
-        self.flow = ConditionalFlow(self.latent_dim, context_dim, flow_class, flow_kwargs)
-        self.process = PROCESSES[process](self.latent_dim)
+        self.belief_dim = self.model.latent_dim * (1 if belief == "mean" else 2)
 
-    def latents(self, transitions: Transitions, noise: Tensor | None = None) -> Tensor:
-        """Compute z = flow(y | x) of each transition, x and y standardised.
+    @property
+    def process(self) -> Any:
+        """The process in the latent space, one of ``sb3_bruno.maths.processes``."""
+        return self.model.process
 
-        Transitions (..., dim) and noise (..., noise_dim) -> (..., latent_dim)
+    def see(self, transitions: Transitions, noise: Tensor | None = None) -> Seen:
+        """Map transitions to what the process sees.
+
+        Args:
+            transitions: shape (..., dim).
+            noise: augments y, shape (..., extra_dims). None: zero, so that a belief is a function of the transitions.
         """
-        return self.flow.latents(*self._flow_input(transitions, noise))
-
-    def latents_and_log_det(self, transitions: Transitions, noise: Tensor | None = None) -> Latents:
-        """Compute z, and the log-determinant of the whole map, shape (...)."""
-        z, log_det = self.flow(*self._flow_input(transitions, noise))
-        return Latents(z, log_det - self.standardize_y.std.log().sum())
-
-    def _flow_input(self, transitions: Transitions, noise: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Return y with its noise, and x."""
         if noise is None:
-            noise = transitions.rewards.new_zeros(*transitions.rewards.shape[:-1], self.noise_dim)
-        y = self.standardize_y(self._y(transitions))
-        return th.cat([y, noise], dim=-1), self.standardize_x(self._x(transitions))
+            noise = transitions.rewards.new_zeros(*transitions.rewards.shape[:-1], self.model.noise_dim)
+        return self.model.see(transitions, noise)
 
-    def _x(self, transitions: Transitions) -> Tensor:
-        """Return what the flow is conditioned on: (s, a) or (s, a, s')."""
-        observations, actions, _, next_observations = transitions
-        return th.cat([observations, actions, *([next_observations] if self._condition_on_next else [])], dim=-1)
-
-    def _y(self, transitions: Transitions) -> Tensor:
-        """Return what is modelled, without the noise: r, s' or (r, s').
-
-        s' as the change s' - s, which given s has the same density and shows what a step does.
-        """
-        parts = [transitions.rewards] if self._reward_dim else []
-        if self._next_observation_dim:
-            parts.append(transitions.next_observations - transitions.observations)
-        return th.cat(parts, dim=-1)
-
-    def empty(self, batch_shape: tuple[int, ...] = ()) -> Statistics:
+    def empty(self, batch_shape: tuple[int, ...] = ()) -> Any:
         return self.process.empty(batch_shape)
 
-    def absorb(self, memory: Statistics, transitions: Transitions, noise: Tensor | None = None) -> Statistics:
-        return self.process.absorb(memory, self.latents(transitions, noise))
+    def absorb(self, memory: Any, transitions: Transitions, noise: Tensor | None = None) -> Any:
+        given, z, _ = self.see(transitions, noise)
+        return self.process.absorb(memory, *given, z)
 
-    def prefixes(
-        self, transitions: Transitions, weights: Tensor | None = None, noise: Tensor | None = None
-    ) -> Statistics:
-        return self.process.prefixes(self.latents(transitions, noise), weights)
+    def prefixes(self, transitions: Transitions, weights: Tensor | None = None, noise: Tensor | None = None) -> Any:
+        given, z, _ = self.see(transitions, noise)
+        return self.process.prefixes(*given, z, weights)
 
-    def posterior(self, memory: Statistics) -> Distribution:
-        """p(theta | transitions absorbed), batch shape (..., latent_dim)."""
-        return self.process.posterior(memory)
+    def posterior(self, memory: Any) -> Distribution:
+        """p(w | transitions absorbed), of K weights or of the paper's theta."""
+        posterior: Distribution = self.process.posterior(memory)
+        return posterior
 
-    def belief(self, memory: Statistics) -> Tensor:
+    def belief(self, memory: Any) -> Tensor:
         mean, var = self.process.posterior_moments(memory)
-        return mean if self._belief == "mean" else th.cat([mean, var], dim=-1)
+        if self._belief == "mean":
+            return mean
+        return th.cat([mean, var if self._belief == "mean_var" else var.sqrt()], dim=-1)
 
-    def log_bayes_factor(self, memory: Statistics, transitions: Transitions) -> Tensor:
+    def log_bayes_factor(self, memory: Any, transitions: Transitions) -> Tensor:
         """log p(transition | prior) - log p(transition | memory), in nats: (..., dim) -> (...)"""
-        z = self.latents(transitions)  # both densities have the same log-determinant
-        believed = self.process.log_predictive(memory, z)
-        return self.process.log_predictive(self.process.empty(tuple(z.shape[:-1])), z) - believed
+        given, z, _ = self.see(transitions)  # both densities have the same log-determinant
+        factor: Tensor = self.process.log_bayes_factor(memory, *given, z)
+        return factor
 
     def loss(self, sequences: TaskSequences) -> Loss:
         """Minus the ``bound``. In training mode it also moves the running statistics that standardise x and y."""
         transitions, _, weights = sequences
         if self.training:
-            counted = ... if weights is None else weights > 0
-            self.standardize_x.update(self._x(transitions)[counted])
-            self.standardize_y.update(self._y(transitions)[counted])
+            self.model.variables.update(transitions, weights)
         bound = self.bound(transitions, weights)
         return Loss(-bound, {"bound_nats": bound.detach()})
 
@@ -207,12 +193,13 @@ class BrunoEncoder(TaskEncoder[Statistics]):
 
         - ``"paper"``, Eq. 4: every transition given the first k, the k included
         - ``"holdout"``: those after the first k, given the first k
-        - ``"prequential"``: every transition given those before it; their sum is the exact joint evidence
+        - ``"prequential"``: every transition given those before it: the exact joint evidence
 
         .. math:: \frac{1}{T} \sum_t \log p(y_t, \epsilon_t \mid x_t, \tau_{1:k}) + H(\epsilon), \quad
             k \sim U\{T/4, \dots, 3T/4 - 1\} \text{ once per batch}
 
-        The entropy H of the noise makes it a lower bound on log p(y | x, context), constant included.
+        Without noise it is the log-density itself. With noise, its entropy H makes the evidence a lower bound on
+        log p(y | x), constant included; what is scored given other transitions is then a difference of two bounds.
 
         Args:
             transitions: shape (..., time, dim).
@@ -224,43 +211,44 @@ class BrunoEncoder(TaskEncoder[Statistics]):
         Raises:
             ValueError: if the sequences are shorter than ``shortest_sequence``.
         """
+        given, z, log_det = self.see(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
+        weights = th.ones_like(log_det) if weights is None else weights
         if self._objective == "prequential":
-            return _mean(self.one_step_bounds(transitions, weights), weights)
-        time = transitions.rewards.shape[-2]
-        if time < self.shortest_sequence:
-            raise ValueError(f"`transitions` has {time} in a sequence: the holdout objective needs 2, one to hold out.")
-        k = int(th.randint(max(time // 4, 1), max(3 * time // 4, 2), ()))
-        first_scored = k if self._objective == "holdout" else 0
-        z, log_det = self.latents_and_log_det(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
-        if weights is None:
-            context = self.process.statistics(z[..., :k, :])
+            evidence = self.process.log_evidence(self.process.statistics(*given, z, weights))
+            score = evidence.sum() + (weights * log_det).sum()
         else:
-            context = map_memory(lambda x: x[..., -1, :], self.process.prefixes(z[..., :k, :], weights[..., :k]))
-            weights = weights[..., first_scored:]
-        log_z = self.process.log_predictive(map_memory(lambda x: x.unsqueeze(-2), context), z[..., first_scored:, :])
-        return _mean(log_z + log_det[..., first_scored:], weights) + self.noise_dim * NOISE_ENTROPY
+            time = log_det.shape[-1]
+            if time < self.shortest_sequence:
+                raise ValueError(f"`transitions` has {time} in a sequence: the holdout objective needs 2.")
+            k = int(th.randint(max(time // 4, 1), max(3 * time // 4, 2), ()))
+            known = (th.arange(time, device=z.device) < k).to(weights)
+            context = self.process.statistics(*given, z, weights * known)
+            if self._objective == "holdout":
+                weights = weights * (1 - known)
+            log_z = self.process.log_predictive(map_memory(lambda x: x.unsqueeze(-2), context), *given, z)
+            score = (weights * (log_z + log_det)).sum()
+        return score / weights.sum() + self.model.noise_dim * NOISE_ENTROPY
 
     def one_step_bounds(self, transitions: Transitions, weights: Tensor | None = None) -> Tensor:
         """Score every transition given those before it, in nats: (..., time, dim) -> (..., time)"""
-        z, log_det = self.latents_and_log_det(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
-        before = map_memory(lambda x: x[..., :-1, :], self.process.prefixes(z, weights))
-        if weights is None:  # what follows from n alone is computed for one sequence
-            before = before._replace(n=th.arange(z.shape[-2], dtype=z.dtype, device=z.device).unsqueeze(-1))
-        return self.process.log_predictive(before, z) + log_det + self.noise_dim * NOISE_ENTROPY
+        given, z, log_det = self.see(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
+        scores: Tensor = self.process.one_step_log_predictives(*given, z, weights)
+        return scores + log_det + self.model.noise_dim * NOISE_ENTROPY
 
     def draw_noise(self, batch_shape: tuple[int, ...]) -> Tensor:
-        """Draw standard normal noise for as many transitions, shape (*batch_shape, noise_dim)."""
+        """Draw standard normal noise for as many transitions, shape (*batch_shape, extra_dims)."""
         like = next(self.parameters())
-        return th.randn(*batch_shape, self.noise_dim, dtype=like.dtype, device=like.device)
+        return th.randn(*batch_shape, self.model.noise_dim, dtype=like.dtype, device=like.device)
 
     def distance(self, transitions: Transitions) -> Distance:
         """Measure how far transitions (..., time, dim) lie from what the process expects, with noise drawn."""
-        noise = self.draw_noise(transitions.rewards.shape[:-1])
-        return self.process.distance(self.process.statistics(self.latents(transitions, noise)))
+        given, z, _ = self.see(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
+        distance: Distance = self.process.distance(self.process.statistics(*given, z))
+        return distance
 
     def outcomes(
         self,
-        memory: Statistics,
+        memory: Any,
         observations: Tensor,
         actions: Tensor,
         next_observations: Tensor | None,
@@ -269,34 +257,12 @@ class BrunoEncoder(TaskEncoder[Statistics]):
         """Draw z from the predictive and invert the flow. Shapes (..., dim) -> (n_samples, ..., dim)
 
         Raises:
-            ValueError: if rewards are predicted given ``next_observations``, and these are None.
+            ValueError: if rewards are predicted given ``next_observations``, and these are None and not modelled.
         """
-        given = [observations, actions]
-        if self._condition_on_next:
-            if next_observations is None:
-                raise ValueError(
-                    "`next_observations` is needed: with `condition_on_next=True` rewards are predicted given where "
-                    "the action led. Pass it, or train with `condition_on_next=False`."
-                )
-            given.append(next_observations)
-        z = self.process.sample(memory, n_samples)
-        x = self.standardize_x(th.cat(given, dim=-1)).expand(n_samples, *observations.shape[:-1], -1)
-        y = self.standardize_y.inverse(self.flow.inverse(z, x)[..., : self.latent_dim - self.noise_dim])
-        rewards, changes = y.split([self._reward_dim, self._next_observation_dim], dim=-1)
-        return Outcomes(
-            rewards if self._reward_dim else None,
-            observations + changes if self._next_observation_dim else None,
-        )
+        arrives = next_observations is not None
+        there = observations if next_observations is None else next_observations
+        transitions = Transitions(observations, actions, observations.new_zeros(*observations.shape[:-1], 1), there)
+        return self.model.outcomes(memory, transitions, arrives, n_samples)
 
     def diagnostics(self) -> dict[str, Tensor]:
-        correlation = self.process.cov / self.process.var
-        return {
-            "process_var_mean": self.process.var.mean(),
-            "process_correlation_mean": correlation.mean(),
-            "process_correlation_max": correlation.max(),
-        }
-
-
-def _mean(scores: Tensor, weights: Tensor | None) -> Tensor:
-    """Average scores (..., time) over the transitions that count."""
-    return scores.mean() if weights is None else (scores * weights).sum() / weights.sum()
+        return {}

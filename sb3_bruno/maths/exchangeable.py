@@ -120,11 +120,15 @@ class ExchangeableGaussian(nn.Module):
         n, total, scatter = statistics
         return Statistics(n + 1, total + z, scatter + self._added_scatter(n, total, z))
 
-    def statistics(self, z: Tensor) -> Statistics:
-        """Return the statistics, ``(..., dim)``, of a set of latents ``z``, ``(..., time, dim)``."""
-        n, total = th.ones_like(z[..., :1]).sum(dim=-2), z.sum(dim=-2)
+    def statistics(self, z: Tensor, weights: Tensor | None = None) -> Statistics:
+        """Return the statistics, ``(..., dim)``, of a set of latents ``z``, ``(..., time, dim)``.
+
+        A weight, ``(..., time)``, counts a latent by 1 and leaves it out by 0. None counts all.
+        """
+        counted = _counted(z, weights)
+        n, total = counted.sum(dim=-2), (counted * z).sum(dim=-2)
         mean = total / n.clamp(min=1)
-        return Statistics(n, total, (z - mean.unsqueeze(-2)).square().sum(dim=-2))
+        return Statistics(n, total, (counted * (z - mean.unsqueeze(-2)).square()).sum(dim=-2))
 
     def prefixes(self, z: Tensor, weights: Tensor | None = None) -> Statistics:
         """Return the statistics of the first 0, 1, ..., time latents, computed by cumulative sums.
@@ -136,7 +140,7 @@ class ExchangeableGaussian(nn.Module):
         Returns:
             Statistics ``(..., time + 1, dim)``. Entry t depends on ``z[..., :t, :]`` and not on ``z[..., t:, :]``.
         """
-        counted = th.ones_like(z[..., :1]) if weights is None else weights.unsqueeze(-1).to(z)
+        counted = _counted(z, weights)
         n, total = (F.pad(summand.cumsum(dim=-2), (0, 0, 1, 0)) for summand in (counted, counted * z))
         added = counted * self._added_scatter(n[..., :-1, :], total[..., :-1, :], z)
         return Statistics(n, total, F.pad(added.cumsum(dim=-2), (0, 0, 1, 0)))
@@ -170,6 +174,20 @@ class ExchangeableGaussian(nn.Module):
         log_prob: Tensor = self.predictive(statistics).log_prob(z)
         return log_prob.sum(dim=-1)
 
+    def one_step_log_predictives(self, z: Tensor, weights: Tensor | None = None) -> Tensor:
+        """Score every latent given those before it, ``(..., time)``; the sum is the joint evidence.
+
+        Args:
+            z: latents, ``(..., time, dim)``.
+            weights: which latents those after them are given, as in ``prefixes``. All are scored.
+        """
+        before = Statistics(*(prefixes[..., :-1, :] for prefixes in self.prefixes(z, weights)))
+        return self.log_predictive(before, z)
+
+    def log_bayes_factor(self, statistics: Statistics, z: Tensor) -> Tensor:
+        """Return log p(z | prior) - log p(z | z_1..z_n) in nats, ``(...)``: far above 0 where the task is another."""
+        return self.log_predictive(self.empty(tuple(z.shape[:-1])), z) - self.log_predictive(statistics, z)
+
     def sample(self, statistics: Statistics, n_samples: int) -> Tensor:
         """Draw from the predictive, ``(n_samples, ..., dim)``."""
         return self.predictive(statistics).sample(th.Size([n_samples]))
@@ -197,6 +215,11 @@ class ExchangeableGaussian(nn.Module):
         """
         log_normal = statistics.n * math.log(2 * math.pi) + self.log_volume(statistics)
         return -0.5 * (log_normal + self.squared_mahalanobis(statistics)).sum(dim=-1)
+
+
+def _counted(z: Tensor, weights: Tensor | None) -> Tensor:
+    """Return the weights as a column, ``(..., time, 1)``."""
+    return th.ones_like(z[..., :1]) if weights is None else weights.unsqueeze(-1).to(z)
 
 
 def theta_moments(statistics: Statistics, cov: Tensor, noise_var: Tensor) -> tuple[Tensor, Tensor]:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import torch as th
 from torch import Tensor, nn
 from zuko.distributions import DiagNormal
+from zuko.flows import NSF
 from zuko.lazy import Flow, LazyTransform, UnconditionalDistribution
 
 from sb3_bruno.maths.autoregression import AffineAutoregression
@@ -33,7 +34,12 @@ def paper_maf(features: int, context: int) -> Flow:
     Deviations from the paper (docs/method.md): softsign, zuko's choice, bounds the log-scale instead of tanh; there is
     no weight normalisation; the weights start as torch draws them and not at the identity, because the belief then
     learned faster.
+
+    Raises:
+        ValueError: if there is only one feature, which has none before it to depend on.
     """
+    if features < 2:
+        raise ValueError(f"features={features} is too few for `paper_maf`: set `extra_dims` to 1 or more.")
     return _flow(_layers(features, context, 6), features)
 
 
@@ -68,7 +74,15 @@ def _flow(transforms: list[LazyTransform], features: int) -> Flow:
     return flow
 
 
-FLOWS: dict[str, Callable[..., Flow]] = {"paper_maf": paper_maf, "reflected_maf": reflected_maf}
+def spline(features: int, context: int) -> Flow:
+    """Build one layer of conditional monotone rational-quadratic splines, of eight bins in [-5, 5].
+
+    Reference: Durkan, Bekasov, Murray and Papamakarios, Neural Spline Flows (2019).
+    """
+    return NSF(features, context, bins=8, transforms=1, hidden_features=(128, 128))
+
+
+FLOWS: dict[str, Callable[..., Flow]] = {"spline": spline, "paper_maf": paper_maf, "reflected_maf": reflected_maf}
 """Flows that a configuration file can name."""
 
 
@@ -78,7 +92,8 @@ class ConditionalFlow(nn.Module):
     Args:
         features: dimension of y and z.
         context: dimension of x.
-        flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``, or a name from ``FLOWS``.
+        flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``, or a name from ``FLOWS``; None
+            for the identity.
         flow_kwargs: further arguments of ``flow_class``.
 
     Raises:
@@ -90,10 +105,13 @@ class ConditionalFlow(nn.Module):
         self,
         features: int,
         context: int,
-        flow_class: str | Callable[..., Flow] = "paper_maf",
+        flow_class: str | Callable[..., Flow] | None = "spline",
         flow_kwargs: dict[str, Any] | None = None,
     ) -> None:
         super().__init__()
+        self.transform: LazyTransform | None = None
+        if flow_class is None:
+            return
         if isinstance(flow_class, str):
             if flow_class not in FLOWS:
                 raise ValueError(f"flow_class={flow_class!r} is unknown: give one of {sorted(FLOWS)} or a zuko flow.")
@@ -107,14 +125,13 @@ class ConditionalFlow(nn.Module):
 
     def forward(self, y: Tensor, x: Tensor) -> Latents:
         """Map y, ``(..., features)``, to its latents, given x, ``(..., context)``."""
+        if self.transform is None:
+            return Latents(y, y.new_zeros(y.shape[:-1]))
         return Latents(*self.transform(x).call_and_ladj(y))
-
-    def latents(self, y: Tensor, x: Tensor) -> Tensor:
-        """Return z alone, ``(..., features)``: a belief needs no log-determinant."""
-        z: Tensor = self.transform(x)(y)
-        return z
 
     def inverse(self, z: Tensor, x: Tensor) -> Tensor:
         """Map z, ``(..., features)``, back to y, ``(..., features)``, given x, ``(..., context)``."""
+        if self.transform is None:
+            return z
         y: Tensor = self.transform(x).inv(z)
         return y

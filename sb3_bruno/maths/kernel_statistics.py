@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import torch as th
@@ -21,6 +22,16 @@ class Features(NamedTuple):
     mean: Tensor
     weights: Tensor
     noise_var: Tensor
+
+    @classmethod
+    def join(cls, parts: Sequence[Features]) -> Features:
+        """Join the features of values, ``(..., m_i)`` each, to those of all of them, ``(..., sum of m_i)``."""
+        means, weights, noise_vars = zip(*parts, strict=True)
+        return cls(th.cat(means, dim=-1), th.cat(weights, dim=-2), th.cat(noise_vars, dim=-1))
+
+    def padded(self, before: int, after: int) -> Features:
+        """Return the features of the same values among ``before + K + after`` weights, of which they need K."""
+        return self._replace(weights=F.pad(self.weights, (before, after)))
 
     def double(self) -> Features:
         """Return the features in float64."""

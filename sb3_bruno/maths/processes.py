@@ -1,4 +1,4 @@
-"""Exchangeable processes by name, so that a configuration file can choose one."""
+"""Processes by name, so that a configuration file can choose one."""
 
 from __future__ import annotations
 
@@ -7,9 +7,15 @@ from functools import partial
 
 from sb3_bruno.maths.exchangeable import ExchangeableGaussian
 from sb3_bruno.maths.exchangeable_t import ExchangeableStudentT
+from sb3_bruno.maths.kernel_process import KernelGaussian
+from sb3_bruno.maths.kernel_process_t import KernelStudentT
 
-PROCESSES: dict[str, Callable[[int], ExchangeableGaussian]] = {
+EXCHANGEABLE: dict[str, Callable[[int], ExchangeableGaussian]] = {
     "gaussian": ExchangeableGaussian,
     "student_t": ExchangeableStudentT,
     "shared_student_t": partial(ExchangeableStudentT, shared_scale=True),
 }
+"""Processes of so many latent dimensions, independent of each other, whose covariance does not depend on x."""
+
+KERNEL: dict[str, Callable[[int], KernelGaussian]] = {"kernel": KernelGaussian, "kernel_student_t": KernelStudentT}
+"""Processes of so many weights."""

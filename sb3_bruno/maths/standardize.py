@@ -5,6 +5,9 @@ from __future__ import annotations
 import torch as th
 from torch import Tensor, nn
 
+FARTHEST = 100.0
+"""Standard deviations from the mean at which a value is cut off before the statistics follow it."""
+
 
 class Standardize(nn.Module):
     r"""Creates an affine map to mean 0 and variance 1, whose statistics follow the data slowly.
@@ -14,6 +17,9 @@ class Standardize(nn.Module):
 
     The k-th update has weight w = 1 / k, or ``momentum`` once that is greater. Nothing is learned by gradient. The map
     is the same in training and in use, because no batch is standardised by its own statistics.
+
+    The statistics take a value farther than 100 standard deviations from the mean for one at that distance: so one
+    value of any size moves them by little, and a scale that really changed is still followed, exponentially.
 
     Args:
         dim: size of the last dimension.
@@ -34,22 +40,29 @@ class Standardize(nn.Module):
         super().__init__()
         self.momentum = momentum
         self.register_buffer("mean", th.zeros(dim))
-        self.register_buffer("var", th.ones(dim))
+        self.register_buffer("var", th.zeros(dim))
         self.register_buffer("n_updates", th.zeros(()))
 
     @th.no_grad()
     def update(self, x: Tensor) -> None:
         """Move the statistics towards those of a batch, ``(..., dim)``."""
-        batch = x.reshape(-1, x.shape[-1])
+        batch = x.flatten(end_dim=-2)
+        reach = th.where(self._varies, FARTHEST * self.var.sqrt(), th.inf)
+        batch = self.mean + (batch - self.mean).clamp(-reach, reach)
         self.n_updates += 1
         weight = th.clamp(1 / self.n_updates, min=self.momentum)
         self.mean += weight * (batch.mean(dim=0) - self.mean)
         self.var += weight * ((batch - self.mean).square().mean(dim=0) - self.var)
 
     @property
+    def _varies(self) -> Tensor:
+        """Whether the data vary by more than the rounding of their mean, ``(dim,)``."""
+        return self.var > (1e-6 * self.mean).square()
+
+    @property
     def std(self) -> Tensor:
-        """The standard deviation, ``(dim,)``; a small constant keeps it above 0 where the data never change."""
-        return (self.var + 1e-6).sqrt()
+        """The standard deviation, ``(dim,)``; 1 where the data have not varied yet."""
+        return th.where(self._varies, self.var, 1.0).sqrt()
 
     def forward(self, x: Tensor) -> Tensor:
         """Map x to y, ``(..., dim)`` each."""

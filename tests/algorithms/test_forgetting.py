@@ -5,6 +5,7 @@ import torch as th
 from sb3_bruno.algorithms.forgetting import absorb_or_forget, no_suspicion
 from sb3_bruno.encoders import BrunoEncoder, Transitions
 from sb3_bruno.encoders.base import map_memory
+from sb3_bruno.encoders.latents import Seen
 
 N, SWITCH, STEPS, THRESHOLD = 500, 30, 60, 5.0
 
@@ -13,12 +14,12 @@ class Bare(BrunoEncoder):
     """The rewards are the latents: z = r."""
 
     def __init__(self):
-        super().__init__(1, 1, extra_dims=0, process="gaussian")
+        super().__init__(1, 1, process="gaussian")
         with th.no_grad():
             self.process.correlation_logit.fill_(3.0)  # v = 1, theta has a variance of 0.95
 
-    def latents(self, transitions, noise=None):
-        return transitions.rewards
+    def see(self, transitions, noise=None):
+        return Seen((), transitions.rewards, th.zeros(()))
 
 
 def transitions_of(rewards: th.Tensor) -> Transitions:
@@ -74,11 +75,11 @@ def test_a_threshold_out_of_reach_is_plain_absorbing():
 
 
 def test_the_log_bayes_factor_is_that_of_the_predictive_densities():
-    encoder = BrunoEncoder(3, 2).double()
+    encoder = BrunoEncoder(3, 2, process="gaussian").double()
     parts = [th.randn(5, 4, dim, dtype=th.float64) for dim in (3, 2, 1, 3)]
     context, arrived = (Transitions(*(column[:, t] for column in parts)) for t in (slice(0, 3), 3))
     statistics = map_memory(lambda prefixes: prefixes[:, -1], encoder.prefixes(context))
-    z = encoder.latents(arrived)
+    z = encoder.see(arrived).z
     before, after = (encoder.process.predictive(memory) for memory in (encoder.empty((5,)), statistics))
     expected = (before.log_prob(z) - after.log_prob(z)).sum(dim=-1)
     th.testing.assert_close(encoder.log_bayes_factor(statistics, arrived), expected)

@@ -30,8 +30,6 @@ def test_brunosac_works_out_which_way_to_go_within_a_few_steps():
     assert min(left, right) > 0.6 * BEST
     result = evaluate_adaptation(model, lambda: gym.make(ENV_ID), POINT_DIR_TASKS.tasks("test"))
     assert result.steps_to_steady(window=1).max() <= 5
-    belief = model.policy.encoder
-    assert belief.process.cov.max() > 0.1  # it learned to tell tasks apart
 
 
 @pytest.mark.slow

@@ -11,7 +11,11 @@ from stable_baselines3.common.vec_env import VecNormalize
 from sb3_bruno.algorithms.sac import TaskSACPolicy
 from sb3_bruno.encoders import Transitions
 
-SMALL = {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}}
+SMALL = {
+    "process": "gaussian",  # whose memory begins with the number of transitions
+    "flow_class": zuko.flows.MAF,
+    "flow_kwargs": {"transforms": 2, "hidden_features": (16,)},
+}
 
 
 def make_env(n_envs=3, name="PointDir-v0", **kwargs):

@@ -1,9 +1,11 @@
 """The task buffer's episodes: contexts of what the agent itself had seen, trials, and episodes that still run."""
 
+import pickle
+
 import numpy as np
 import pytest
 
-from support.stream import LAYOUT, Stream
+from support.stream import LAYOUT, Recorder, Stream
 
 
 @pytest.mark.parametrize("n_envs", [1, 3])
@@ -49,7 +51,7 @@ def test_running_episodes_are_those_since_the_last_reset():
 
 
 @pytest.mark.parametrize("context", ["iid", "recent"])
-def test_an_inner_end_leads_to_its_final_observation_and_is_not_done(context):
+def test_an_inner_end_is_not_done_and_values_flow_on_from_where_the_next_inner_episode_begins(context):
     stream = Stream(2, context=context, n_sequences=4, sequence_length=8)
     for step in range(30):
         stream.add([0, 1], dones=[step % 15 == 14] * 2, inner_ends=[step % 15 in (4, 9), step % 15 == 7])
@@ -57,6 +59,20 @@ def test_an_inner_end_leads_to_its_final_observation_and_is_not_done(context):
         samples = stream.buffer.sample(32)
         numbers, _ = stream.check(samples)
         np.testing.assert_array_equal(samples.dones[:, 0], numbers // 2 % 15 == 14)
+    slots = np.arange(60)
+    arrivals = stream.buffer.transitions(slots).next_observations[:, 0]  # what the encoder learns from
+    np.testing.assert_allclose(arrivals, slots + 0.5)
+
+
+def test_where_inner_episodes_begin_is_forgotten_with_their_ends_and_pickled_with_them():
+    stream = Stream(buffer_size=10, n_sequences=1, sequence_length=10)
+    for step in range(14):
+        stream.add([0], inner_ends=[step in (2, 12)])
+    stream.buffer = pickle.loads(pickle.dumps(stream.buffer))
+    stream.buffer.set_encoder(Recorder(), LAYOUT)
+    numbers, _ = stream.check(stream.buffer.sample(10))
+    assert sorted(numbers) == list(range(4, 14))
+    assert stream.buffer.restarts(np.array([2]), None).tolist() == [[-9.0]]  # of transition 12, in the place of 2
 
 
 @pytest.mark.parametrize("buffer_size", [200, 51])  # with all of the trials, and with the first rows of one lost

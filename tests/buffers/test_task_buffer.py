@@ -157,11 +157,24 @@ def test_samples_are_normalised_as_the_agent_observes():
     np.testing.assert_allclose(samples.rewards[:, 0], number * 10 / 5, rtol=1e-5)
 
 
+@pytest.mark.parametrize("context", ["iid", "recent"])
+def test_no_belief_rests_on_the_transition_that_it_is_used_at(context):
+    stream = Stream(context=context, n_sequences=2, sequence_length=20, n_recent=25)
+    for step in range(60):
+        stream.add([step % 2])  # thirty of each
+    for _ in range(20):
+        slots, _ = stream.buffer._exchangeable_slots(2)
+        assert all(len(set(row)) == 20 for row in slots.tolist())
+    few = Stream(context=context, n_sequences=2, sequence_length=20, n_recent=25)
+    few.add([0]).add([0])
+    assert set(few.buffer._exchangeable_slots(2)[0].ravel()) == {0, 1}  # too few: some are drawn more than once
+
+
 def test_samples_rest_on_the_encoder_of_the_moment():
     stream = Stream(n_sequences=2)
     for _ in range(20):
         stream.add([0])
-    encoder = BrunoEncoder(1, 1, process="gaussian")  # whose variances are those of the process alone
+    encoder = BrunoEncoder(1, 1, process="gaussian", belief="mean_var")  # variances of the process alone
     layout = ExtendedObs(1, encoder.belief_dim, 1)
     stream.buffer.set_encoder(encoder, layout)
     before = stream.buffer.sample(64).next_observations[:, layout.belief]

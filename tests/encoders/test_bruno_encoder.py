@@ -6,37 +6,32 @@ import torch as th
 
 from sb3_bruno.encoders import BrunoEncoder, TaskSequences, Transitions
 from sb3_bruno.encoders.base import map_memory
-from sb3_bruno.maths.processes import PROCESSES
-from support.small_encoder import SMALL, encoder_of, transitions_of
-
-
-def permuted_prefixes(encoder: BrunoEncoder, transitions: Transitions, noise: th.Tensor, seed: int):
-    order = th.as_tensor(np.random.default_rng(seed).permutation(noise.shape[-2]))
-    shuffled = Transitions(*(column[..., order, :] for column in transitions))
-    return encoder.prefixes(shuffled, noise=noise[..., order, :])
+from support.small_encoder import NOISY, PROCESSES, SMALL, encoder_of, transitions_of
 
 
 def last(statistics):
     return map_memory(lambda prefixes: prefixes[..., -1, :], statistics)
 
 
-@pytest.mark.parametrize("process", PROCESSES)
+@pytest.mark.parametrize("kwargs", [*({"process": process} for process in PROCESSES), NOISY])
 @pytest.mark.parametrize("modelled", ["rewards", "next_observations", "both"])
-def test_belief_does_not_depend_on_the_order(modelled, process):
-    encoder, transitions = encoder_of(modelled=modelled, process=process), transitions_of(4, 20)
+def test_belief_does_not_depend_on_the_order(modelled, kwargs):
+    encoder, transitions = encoder_of(modelled=modelled, condition_on_next=False, **kwargs), transitions_of(4, 20)
     noise = encoder.draw_noise((4, 20))
     belief = encoder.belief(last(encoder.prefixes(transitions, noise=noise)))
     for seed in range(5):
-        shuffled = encoder.belief(last(permuted_prefixes(encoder, transitions, noise, seed)))
-        th.testing.assert_close(shuffled, belief, rtol=1e-10, atol=1e-12)
+        order = th.as_tensor(np.random.default_rng(seed).permutation(20))
+        shuffled = Transitions(*(column[:, order] for column in transitions))
+        found = encoder.belief(last(encoder.prefixes(shuffled, noise=noise[:, order])))
+        th.testing.assert_close(found, belief, rtol=1e-9, atol=1e-11)
 
 
 def test_belief_is_the_conditional_of_a_dense_gaussian_over_theta_and_latents():
-    encoder, transitions = encoder_of(process="gaussian"), transitions_of(12)
+    encoder, transitions = encoder_of(**NOISY), transitions_of(12)
     noise = encoder.draw_noise((12,))
-    z = encoder.latents(transitions, noise)
+    z = encoder.see(transitions, noise).z
     posterior = encoder.posterior(last(encoder.prefixes(transitions, noise=noise)))
-    for d in range(encoder.latent_dim):
+    for d in range(encoder.model.latent_dim):
         var, cov = encoder.process.var[d].item(), encoder.process.cov[d].item()
         joint = np.full((13, 13), cov)  # theta first, then the latents
         joint[np.arange(1, 13), np.arange(1, 13)] = var
@@ -45,32 +40,19 @@ def test_belief_is_the_conditional_of_a_dense_gaussian_over_theta_and_latents():
         assert posterior.variance[d].item() == pytest.approx(cov - gain @ joint[1:, 0], rel=1e-9)
 
 
-def test_a_transition_of_weight_zero_is_as_if_it_were_not_there():
-    transitions, encoder = transitions_of(2, 5), encoder_of()
+@pytest.mark.parametrize("process", PROCESSES)
+def test_a_transition_of_weight_zero_is_as_if_it_were_not_there(process):
+    transitions, encoder = transitions_of(2, 5), encoder_of(process=process)
     weights = th.tensor([1.0, 1.0, 0.0, 1.0, 0.0], dtype=th.float64).expand(2, 5)
     found = encoder.prefixes(transitions, weights=weights)
     left = encoder.prefixes(type(transitions)(*(column[:, [0, 1, 3]] for column in transitions)))
     for one, two in zip(found, left, strict=True):
         th.testing.assert_close(one, two[:, [0, 1, 2, 2, 3, 3]])
-    assert not th.allclose(found[1], encoder.prefixes(transitions)[1])
-
-
-@pytest.mark.parametrize("process", PROCESSES)
-def test_absorbing_one_by_one_equals_all_prefixes_at_once(process):
-    encoder, transitions = encoder_of(process=process), transitions_of(6, 9)
-    noise = encoder.draw_noise((6, 9))
-    prefixes = encoder.prefixes(transitions, noise=noise)
-    statistics = encoder.empty((6,))
-    for t in range(10):
-        for carried, prefix in zip(statistics, prefixes, strict=True):
-            th.testing.assert_close(carried, prefix[:, t])
-        if t < 9:
-            now = Transitions(*(column[:, t] for column in transitions))
-            statistics = encoder.absorb(statistics, now, noise[:, t])
+    assert not th.allclose(encoder.belief(found), encoder.belief(encoder.prefixes(transitions)))
 
 
 def test_noise_is_an_argument():
-    encoder, transitions = encoder_of(), transitions_of(5)
+    encoder, transitions = encoder_of(**NOISY), transitions_of(5)
     zeros = th.zeros(5, 4, dtype=th.float64)
     th.testing.assert_close(encoder.prefixes(transitions), encoder.prefixes(transitions, noise=zeros), rtol=0, atol=0)
     noise = encoder.draw_noise((5,))
@@ -82,64 +64,71 @@ def test_noise_is_an_argument():
     assert not th.allclose(again[1], other[1])
 
 
-def test_belief_is_mean_and_variance_or_the_mean_alone():
-    statistics = last(encoder_of().prefixes(transitions_of(4, 7), noise=th.zeros(4, 7, 4, dtype=th.float64)))
-    both, mean = encoder_of(), encoder_of(belief="mean")
-    posterior = both.posterior(statistics)
-    th.testing.assert_close(both.belief(statistics), th.cat([posterior.mean, posterior.variance], dim=-1))
-    th.testing.assert_close(mean.belief(statistics), posterior.mean)
-    assert (both.belief_dim, mean.belief_dim) == (10, 5)
+@pytest.mark.parametrize(("belief", "spread"), [("mean_std", "stddev"), ("mean_var", "variance")])
+def test_a_belief_is_the_mean_and_what_spreads_around_it_or_the_mean_alone(belief, spread):
+    both, mean = encoder_of(belief=belief), encoder_of(belief="mean")
+    memory = last(both.prefixes(transitions_of(4, 7)))
+    posterior = both.posterior(memory)
+    th.testing.assert_close(both.belief(memory), th.cat([posterior.mean, getattr(posterior, spread)], dim=-1))
+    th.testing.assert_close(mean.belief(memory), posterior.mean)
+    assert (both.belief_dim, mean.belief_dim) == (8, 4)
 
 
 @pytest.mark.parametrize(
     ("modelled", "extra_dims", "latent_dim"),
-    [
-        ("rewards", None, 5),
-        ("rewards", 2, 3),
-        ("next_observations", None, 3),
-        ("both", None, 4),
-        ("both", 1, 5),
-    ],
+    [("rewards", 0, 1), ("rewards", 2, 3), ("next_observations", 0, 3), ("both", 0, 4), ("both", 1, 5)],
 )
-def test_what_is_modelled_sets_the_latent_dimension(modelled, extra_dims, latent_dim):
-    assert encoder_of(modelled=modelled, extra_dims=extra_dims).latent_dim == latent_dim
+def test_what_is_modelled_sets_the_latent_dimension_of_the_papers_process(modelled, extra_dims, latent_dim):
+    encoder = encoder_of(process="gaussian", modelled=modelled, extra_dims=extra_dims, condition_on_next=False)
+    assert encoder.model.latent_dim == latent_dim
 
 
-def test_only_what_is_modelled_enters_the_belief():
-    noise = encoder_of().draw_noise((6,))
+@pytest.mark.parametrize("process", ["kernel", "gaussian"])
+def test_only_what_is_modelled_enters_the_belief(process):
     transitions = transitions_of(6)
     elsewhere = transitions._replace(next_observations=transitions.next_observations + 1)
-    th.testing.assert_close(
-        encoder_of().prefixes(transitions, noise=noise), encoder_of().prefixes(elsewhere, noise=noise)
-    )
-    dynamics = encoder_of(modelled="next_observations", extra_dims=4)
+    rewards = encoder_of(process=process, condition_on_next=False)
+    th.testing.assert_close(rewards.prefixes(transitions), rewards.prefixes(elsewhere))
+    dynamics = encoder_of(process=process, modelled="next_observations")
     richer = transitions._replace(rewards=transitions.rewards + 1)
-    th.testing.assert_close(dynamics.prefixes(transitions, noise=noise), dynamics.prefixes(richer, noise=noise))
+    th.testing.assert_close(dynamics.prefixes(transitions), dynamics.prefixes(richer))
 
 
 def test_next_observations_are_modelled_as_changes():
     encoder, transitions = encoder_of(modelled="next_observations"), transitions_of(6)
     moved = Transitions(*transitions)._replace(next_observations=transitions.observations + 1)
-    th.testing.assert_close(encoder._y(moved), th.ones(6, 3, dtype=th.float64))
+    th.testing.assert_close(encoder.see(moved).z, th.ones(6, 3, dtype=th.float64), rtol=0, atol=1e-6)
 
 
-def test_the_reward_may_be_explained_by_where_the_action_led():
-    encoder, transitions = encoder_of(condition_on_next=True), transitions_of(6)
+@pytest.mark.parametrize("process", ["kernel", "gaussian"])
+def test_the_reward_may_be_explained_by_where_the_action_led(process):
+    encoder, transitions = encoder_of(process=process), transitions_of(6)
     elsewhere = transitions._replace(next_observations=transitions.next_observations + 1)
-    assert not th.allclose(encoder.prefixes(transitions)[1], encoder.prefixes(elsewhere)[1])
-    statistics = encoder.empty()
+    found, other = (encoder.belief(encoder.prefixes(columns)) for columns in (transitions, elsewhere))
+    assert not th.allclose(found, other)
+    memory = encoder.empty()
     here, action, there = (th.zeros(dim, dtype=th.float64) for dim in (3, 2, 3))
-    assert encoder.outcomes(statistics, here, action, there, 10).rewards.shape == (10, 1)
+    assert encoder.outcomes(memory, here, action, there, 10).rewards.shape == (10, 1)
     with pytest.raises(ValueError, match="next_observations"):
-        encoder.outcomes(statistics, here, action, None, 10)
+        encoder.outcomes(memory, here, action, None, 10)
     with pytest.raises(ValueError, match="condition_on_next"):
-        encoder_of(condition_on_next=True, modelled="both")
+        encoder_of(process="gaussian", modelled="both", condition_on_next=True)
 
 
-def test_encoder_learns_the_hidden_task():
+def test_what_a_change_is_given_does_not_hold_the_change():
+    encoder, transitions = encoder_of(modelled="both"), transitions_of(6)
+    elsewhere = transitions._replace(next_observations=transitions.next_observations + 1)
+    (features,), (others,) = encoder.see(transitions).given, encoder.see(elsewhere).given
+    for one, two in zip(features, others, strict=True):
+        th.testing.assert_close(one[:, 1:], two[:, 1:], rtol=0, atol=0)
+        assert not th.allclose(one[:, 0], two[:, 0])
+
+
+@pytest.mark.parametrize("kwargs", [{"process": "kernel"}, {"process": "kernel_student_t"}, NOISY])
+def test_encoder_learns_the_hidden_task(kwargs):
     """r = d a with d = +-1: after training, the belief after 10 transitions tells the two apart."""
     th.manual_seed(0)
-    encoder = BrunoEncoder(1, 1, **SMALL)
+    encoder = BrunoEncoder(1, 1, **SMALL, **kwargs)
     optimizer = th.optim.Adam(encoder.parameters(), lr=3e-3)
 
     def sequences(batch, time):
@@ -169,17 +158,18 @@ def test_encoder_learns_the_hidden_task():
 @pytest.mark.parametrize("modelled", ["rewards", "both"])
 def test_outcomes_have_the_density_of_the_predictive(modelled, process):
     """Map samples forward again: their latents must have the predictive's moments."""
-    encoder = encoder_of(modelled=modelled, extra_dims=0, process=process)
-    statistics = last(encoder.prefixes(transitions_of(7), noise=encoder.draw_noise((7,))))
+    encoder = encoder_of(modelled=modelled, process=process, condition_on_next=False)
+    memory = last(encoder.prefixes(transitions_of(7)))
     observation, action = th.zeros(3, dtype=th.float64), th.ones(2, dtype=th.float64)
     with th.no_grad():
-        outcomes = encoder.outcomes(statistics, observation, action, None, 20_000)
+        outcomes = encoder.outcomes(memory, observation, action, None, 20_000)
         assert outcomes.rewards.shape == (20_000, 1)
         assert (outcomes.next_observations is None) == (modelled == "rewards")
         there = observation.expand(20_000, 3) if outcomes.next_observations is None else outcomes.next_observations
         drawn = Transitions(observation.expand(20_000, 3), action.expand(20_000, 2), outcomes.rewards, there)
-        z = encoder.latents(drawn, encoder.draw_noise((20_000,)))
-        predictive = encoder.process.predictive(encoder.process.empty()._make(statistics))
+        given, z, _ = encoder.see(drawn)
+        features = [type(columns)(*(column[0] for column in columns)) for columns in given]
+        predictive = encoder.process.predictive(memory, *features)
     np.testing.assert_allclose(z.mean(dim=0), predictive.mean, atol=0.05)
     np.testing.assert_allclose(z.var(dim=0), predictive.variance, rtol=0.06)
     median, mean = outcomes.quantile(0.5).rewards, outcomes.mean().rewards
@@ -187,9 +177,36 @@ def test_outcomes_have_the_density_of_the_predictive(modelled, process):
     assert outcomes.quantile(0.9).rewards > median > outcomes.quantile(0.1).rewards
 
 
+def test_rewards_follow_from_next_observations_that_were_drawn():
+    """Samples of (s', r) without s' have the joint density: r given a drawn s' is what it is given that s'."""
+    encoder, memory = encoder_of(modelled="both"), None
+    memory = last(encoder.prefixes(transitions_of(7)))
+    observation, action = th.zeros(3, dtype=th.float64), th.ones(2, dtype=th.float64)
+    with th.no_grad():
+        n = 20_000
+        rewards, arrivals = encoder.outcomes(memory, observation, action, None, n)
+        here, there = observation.expand(n, 3), arrivals
+        seen = encoder.see(Transitions(here, action.expand(n, 2), rewards, there))
+        scores = encoder.process.log_predictive(memory, *seen.given, seen.z)
+        entropy = -scores.mean()  # of one transition: compare with samples drawn dimension by dimension
+        shuffled = encoder.see(Transitions(here, action.expand(n, 2), rewards.roll(1, 0), there))
+        assert -encoder.process.log_predictive(memory, *shuffled.given, shuffled.z).mean() > entropy
+        # The squared distance of such draws is chi-squared with 4 degrees of freedom.
+        added = encoder.process.squared_mahalanobis(encoder.process.absorb(memory, *seen.given, seen.z))
+        assert (added - encoder.process.squared_mahalanobis(memory)).mean().item() == pytest.approx(4.0, abs=0.1)
+
+
 @pytest.mark.parametrize(
     "bad",
-    [{"modelled": "actions"}, {"belief": "var"}, {"extra_dims": -1}, {"process": "cauchy"}, {"objective": "elbo"}],
+    [
+        {"modelled": "actions"},
+        {"belief": "var"},
+        {"extra_dims": -1},
+        {"extra_dims": 1, "process": "student_t"},
+        {"process": "cauchy"},
+        {"objective": "elbo"},
+        {"n_weights": 0},
+    ],
 )
 def test_bad_arguments_are_named(bad):
     with pytest.raises(ValueError, match=next(iter(bad))):

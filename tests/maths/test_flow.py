@@ -13,14 +13,15 @@ from sb3_bruno.maths.flow import ConditionalFlow, paper_maf
 from sb3_bruno.maths.reflection import Reflection
 
 FLOWS = {
-    "paper_maf": {},
+    "spline": {},
+    "paper_maf": {"flow_class": "paper_maf"},
     "reflected_maf": {"flow_class": "reflected_maf"},
     "maf": {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16, 16)}},
     "nsf": {"flow_class": zuko.flows.NSF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}},
     "nice": {"flow_class": zuko.flows.NICE, "flow_kwargs": {"transforms": 3, "hidden_features": (16,)}},
 }
 
-UNIVARIATE = {"paper_maf", "maf", "nsf"}  # flows that allow a single feature
+UNIVARIATE = {"spline", "maf", "nsf"}  # flows that allow a single feature
 PARAMS = [(flow, features) for flow in FLOWS for features in (1, 5) if features > 1 or flow in UNIVARIATE]
 
 
@@ -68,7 +69,7 @@ def test_state_dict_round_trip(flow):
 
 
 def test_paper_maf_bounds_the_log_scale_of_each_of_its_six_layers():
-    flow = ConditionalFlow(5, 3)
+    flow = ConditionalFlow(5, 3, "paper_maf")
     with th.no_grad():
         for weight in flow.parameters():
             weight.mul_(100)
@@ -77,14 +78,21 @@ def test_paper_maf_bounds_the_log_scale_of_each_of_its_six_layers():
     assert len(paper_maf(5, 3).transform.transforms) == 6
 
 
+def test_no_flow_is_the_identity():
+    flow, y, x = ConditionalFlow(1, 3, flow_class=None), th.randn(5, 1), th.randn(5, 3)
+    latents = flow(y, x)
+    assert th.equal(latents.z, y) and th.equal(flow.inverse(y, x), y) and th.equal(latents.log_det, th.zeros(5))
+
+
 def test_a_name_that_is_no_flow_is_refused():
     with pytest.raises(ValueError, match=r"flow_class='nmaf' is unknown: give one of .*reflected_maf"):
         ConditionalFlow(2, 3, flow_class="nmaf")
 
 
-def test_a_reflection_of_one_feature_is_refused():
-    with pytest.raises(ValueError, match="extra_dims"):
-        ConditionalFlow(1, 3, flow_class="reflected_maf")
+@pytest.mark.parametrize("flow_class", ["paper_maf", "reflected_maf"])
+def test_flows_that_need_two_features_refuse_one(flow_class):
+    with pytest.raises(ValueError, match=f"features=1 is too few for `{flow_class}`: set `extra_dims`"):
+        ConditionalFlow(1, 3, flow_class=flow_class)
 
 
 def test_a_reflection_turns_the_sign_of_what_lies_along_its_mirror():
@@ -96,7 +104,7 @@ def test_a_reflection_turns_the_sign_of_what_lies_along_its_mirror():
 
 def test_the_layers_compute_what_zukos_do():
     """Given the same weights, the numbers are those of zuko's own masked autoregressive flow."""
-    ours = ConditionalFlow(5, 3).double()
+    ours = ConditionalFlow(5, 3, "paper_maf").double()
     univariate = partial(MonotonicAffineTransform, slope=math.exp(-1))
     kwargs = {"transforms": 6, "hidden_features": (128,), "univariate": univariate}
     zukos = ConditionalFlow(5, 3, zuko.flows.MAF, kwargs).double()

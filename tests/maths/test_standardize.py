@@ -38,4 +38,31 @@ def test_what_never_changes_stays_finite():
     standardize = Standardize(1)
     standardize.update(th.full((10, 1), 3.0))
     assert standardize(th.tensor([3.0])).item() == 0
-    assert standardize(th.tensor([4.0])).isfinite()
+    assert standardize(th.tensor([4.0])).item() == 1
+
+
+@given(st.sampled_from([1e-4, 1.0, 1e4]))
+def test_small_numbers_are_numbers_too(scale):
+    standardize, x = Standardize(1), scale * th.randn(400, 1, generator=th.Generator().manual_seed(0))
+    standardize.update(x)
+    np.testing.assert_allclose(standardize(x).std(dim=0, correction=0), 1, rtol=1e-3)
+
+
+def test_an_outlier_of_any_size_moves_the_statistics_by_little_and_a_new_scale_is_followed():
+    generator = th.Generator().manual_seed(0)
+    standardize = Standardize(1)
+    for _ in range(2_000):
+        standardize.update(th.randn(500, 1, generator=generator))
+    standardize.update(th.cat([th.randn(499, 1, generator=generator), th.tensor([[1e9]])]))
+    assert abs(standardize.mean.item()) < 0.01 and 0.9 < standardize.std.item() < 1.1
+    for _ in range(5_000):
+        standardize.update(1e4 * th.randn(500, 1, generator=generator))
+    assert 0.9e4 < standardize.std.item() < 1.1e4
+
+
+def test_the_first_reward_after_many_zeros_is_noticed():
+    standardize = Standardize(1)
+    for _ in range(100):
+        standardize.update(th.zeros(50, 1))
+    standardize.update(th.tensor([[0.0]] * 49 + [[1.0]]))
+    assert standardize.mean.item() > 0 and standardize.std.item() < 1

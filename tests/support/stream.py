@@ -53,7 +53,7 @@ class Stream:
         self.buffer = TaskReplayBuffer(buffer_size, SPACE, ACTIONS, "cpu", n_envs, **kwargs)
         self.buffer.set_encoder(Recorder(), LAYOUT)
         self.n_envs, self.count = n_envs, 0
-        self.task_of, self.episode_of, self.step_of = [], [], []
+        self.task_of, self.episode_of, self.step_of, self.inner_end_of = [], [], [], []
         self.running = [([], 0)] * n_envs
         self.steps = [0] * n_envs
         self.episodes = list(range(n_envs))
@@ -71,6 +71,7 @@ class Stream:
         self.count += n
         for i in range(n):
             self.task_of.append(tasks[i])
+            self.inner_end_of.append(inner_ends[i])
             self.episode_of.append(self.episodes[i])
             self.step_of.append(self.steps[i])
             self.steps[i] = 0 if dones[i] else self.steps[i] + 1
@@ -88,13 +89,14 @@ class Stream:
     def check(self, samples):
         """Every part of every sampled transition belongs to the same transition, and its task is its own."""
         number = samples.observations[:, LAYOUT.observation].numpy()
-        np.testing.assert_allclose(samples.next_observations[:, LAYOUT.observation], number + 0.5)
+        ended = np.array([[self.inner_end_of[int(i)]] for i in number[:, 0]])  # what came next was not its end
+        np.testing.assert_allclose(samples.next_observations[:, LAYOUT.observation], np.where(ended, -9, number + 0.5))
         np.testing.assert_allclose(samples.rewards, 10 * number)
         np.testing.assert_allclose(samples.actions, number / 1_000, rtol=1e-6)
         tasks = np.array([self.task_of[int(i)] for i in number[:, 0]])
         for observations in (samples.observations, samples.next_observations):
             np.testing.assert_array_equal(observations[:, LAYOUT.task][:, 0], tasks)
         seen, after = samples.observations[:, LAYOUT.belief], samples.next_observations[:, LAYOUT.belief]
-        np.testing.assert_allclose(after[:, 0] - seen[:, 0], 1)  # one more transition: itself
-        np.testing.assert_allclose(after[:, 1] - seen[:, 1], number[:, 0], atol=1e-3)
+        np.testing.assert_allclose(after[:, 0] - seen[:, 0], ~ended[:, 0])  # one more transition: itself
+        np.testing.assert_allclose(after[:, 1] - seen[:, 1], np.where(ended, 0, number)[:, 0], atol=1e-3)
         return number[:, 0].astype(int), seen.numpy()

@@ -1,0 +1,97 @@
+"""The model with a kernel: how each value of y depends on the task's weights follows from its x."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import torch as th
+from torch import Tensor
+from zuko.lazy import Flow
+
+from sb3_bruno.encoders.abilities import Outcomes
+from sb3_bruno.encoders.base import Transitions
+from sb3_bruno.encoders.latents import LatentModel, Seen, check_arrives
+from sb3_bruno.encoders.variables import Variables
+from sb3_bruno.maths.features import FeatureNetwork
+from sb3_bruno.maths.flow import ConditionalFlow
+from sb3_bruno.maths.kernel_process import KernelGaussian
+from sb3_bruno.maths.kernel_statistics import Features
+
+
+class KernelModel(LatentModel):
+    r"""Creates z = b(x) + Phi(x) w + noise, with z = (flow(r | x), s' - s).
+
+    The reward goes through a flow, for it need not be linear in any few features of the task: minus the distance to
+    a goal is not, and its square is. The features of r see all of x, those of s' - s see (s, a) alone.
+
+    Rewards depend on K weights, and next observations on K others. If they shared them, what the networks have not yet
+    learned of next observations, which outnumber the reward and are all but free of noise, would pass for evidence about
+    the task and drown the reward's.
+
+    Args:
+        variables: read y and x.
+        process: makes the process of so many weights.
+        n_weights: K.
+        net_arch: hidden layers of the networks of the features.
+        flow_class: as ``ConditionalFlow`` takes it.
+        flow_kwargs: likewise.
+    """
+
+    def __init__(
+        self,
+        variables: Variables,
+        process: Callable[[int], KernelGaussian],
+        n_weights: int,
+        net_arch: Sequence[int],
+        flow_class: str | Callable[..., Flow] | None,
+        flow_kwargs: dict[str, Any] | None,
+    ) -> None:
+        super().__init__(variables)
+        self.n_weights = n_weights
+        self.latent_dim = n_weights * (bool(variables.reward_dim) + bool(variables.change_dim))
+        self.process = process(self.latent_dim)
+        if variables.reward_dim:
+            self.flow = ConditionalFlow(1, variables.x_dim, flow_class, flow_kwargs)
+            self.reward_features = FeatureNetwork(variables.x_dim, 1, n_weights, net_arch)
+        if variables.change_dim:
+            self.change_features = FeatureNetwork(variables.here_dim, variables.change_dim, n_weights, net_arch)
+
+    def _of_reward(self, x: Tensor) -> Features:
+        """Return the features of r, which needs the first K of all weights."""
+        return self.reward_features(x).padded(0, self.latent_dim - self.n_weights)
+
+    def _of_change(self, here: Tensor) -> Features:
+        """Return the features of s' - s, which needs the last K of all weights."""
+        return self.change_features(here).padded(self.latent_dim - self.n_weights, 0)
+
+    def see(self, transitions: Transitions, noise: Tensor) -> Seen:
+        values, variables = self.variables(transitions), self.variables
+        z, features, log_det = [], [], variables.log_det().expand(values.here.shape[:-1])
+        if variables.reward_dim:
+            latents = self.flow(values.rewards, values.x)
+            z, features, log_det = [latents.z], [self._of_reward(values.x)], log_det + latents.log_det
+        if variables.change_dim:
+            z.append(values.changes)
+            features.append(self._of_change(values.here))
+        return Seen((Features.join(features),), th.cat(z, dim=-1), log_det)
+
+    def outcomes(self, memory: Any, transitions: Transitions, arrives: bool, n_samples: int) -> Outcomes:
+        """Draw next observations first, where they are modelled; unless known, rewards follow from where they led."""
+        variables, process = self.variables, self.process
+        rewards = arrivals = None
+        n_each = n_samples  # rewards for each memory
+        if variables.change_dim:
+            features = self._of_change(variables(transitions).here)
+            z = process.sample(memory, features, n_samples)
+            arrivals = transitions.observations + variables.changes(z)
+            if variables.there_dim and not arrives:
+                memory, n_each = process.absorb(memory, features, z), 1
+                expanded = Transitions(*(column.expand(n_samples, *column.shape) for column in transitions))
+                transitions, arrives = expanded._replace(next_observations=arrivals), True
+        if variables.reward_dim:
+            check_arrives(arrives or not variables.there_dim)
+            x = variables(transitions).x
+            rewards = variables.rewards(self.flow.inverse(process.sample(memory, self._of_reward(x), n_each), x))
+            rewards = rewards if n_each == n_samples else rewards.squeeze(0)
+        return Outcomes(rewards, arrivals)

@@ -1,0 +1,76 @@
+"""What a process sees of transitions: their latents z, and what it must know of x to expect them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple
+
+from torch import Tensor, nn
+
+from sb3_bruno.encoders.abilities import Outcomes
+from sb3_bruno.encoders.base import Transitions
+from sb3_bruno.encoders.variables import Variables
+from sb3_bruno.maths.kernel_statistics import Features
+
+
+class Seen(NamedTuple):
+    """What a process sees of transitions.
+
+    Attributes:
+        given: the features of x, for a process with a kernel; () for one that knows nothing of x.
+        z: latents, (..., latent_dim).
+        log_det: log-determinant of the whole map from the env's units to z, (...).
+    """
+
+    given: tuple[Features, ...]
+    z: Tensor
+    log_det: Tensor
+
+
+class LatentModel(nn.Module, ABC):
+    """Maps transitions to what its process sees. The density of y given x and w is that of z, times a determinant.
+
+    Args:
+        variables: read y and x.
+        process: joins the latents of one task.
+
+    Attributes:
+        noise_dim: size of the noise that augments each transition, 0 for none.
+        latent_dim: size of z.
+    """
+
+    noise_dim: int = 0
+    latent_dim: int
+    process: Any  # one of ``PROCESSES``
+
+    def __init__(self, variables: Variables) -> None:
+        super().__init__()
+        self.variables = variables
+
+    @abstractmethod
+    def see(self, transitions: Transitions, noise: Tensor) -> Seen:
+        """Map transitions (..., dim) and noise (..., noise_dim) to what the process sees."""
+
+    @abstractmethod
+    def outcomes(self, memory: Any, transitions: Transitions, arrives: bool, n_samples: int) -> Outcomes:
+        """Draw samples of y given the memory, (..., dim) -> (n_samples, ..., dim).
+
+        Args:
+            memory: of the process.
+            transitions: observations and actions, and next observations if ``arrives``. Rewards are not read.
+            arrives: whether next observations are known.
+            n_samples: number of samples.
+        """
+
+
+def check_arrives(arrives: bool) -> None:
+    """Refuse to predict a reward from where the action led without being told.
+
+    Raises:
+        ValueError: unless ``arrives``.
+    """
+    if not arrives:
+        raise ValueError(
+            "`next_observations` is needed: with `condition_on_next=True` rewards are predicted given where the action "
+            "led. Pass it, or train with `condition_on_next=False` or `modelled='both'`."
+        )
