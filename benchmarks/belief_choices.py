@@ -48,7 +48,7 @@ def test(encoder: BrunoEncoder, buffer: TaskReplayBuffer) -> dict[str, float]:
     """
     slots, tasks = buffer.exchangeable_slots(N_SEQUENCES, buffer.sequence_length)
     transitions = buffer.transitions(slots)
-    nats = encoder.one_step_bounds(transitions).mean(dim=0)
+    nats = encoder.one_step_scores(transitions).mean(dim=0)
     found = {"nats": float(nats.mean()), f"nats after {CONTEXTS[1]} or more": float(nats[CONTEXTS[1] :].mean())}
     prefixes = encoder.prefixes(transitions)
     half = N_SEQUENCES // 2

@@ -15,7 +15,7 @@ from torch.distributions import Distribution
 from sb3_bruno.algorithms.carried import Carried, State
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.buffers.observed import TransitionArrays, normalize, unnormalize
-from sb3_bruno.encoders import HasPosterior, Outcomes, Predicts, Transitions
+from sb3_bruno.encoders import HasPosterior, InfersTask, Outcomes, Predicts, Transitions
 from sb3_bruno.encoders.abilities import check_ability
 from sb3_bruno.encoders.base import AnyMemory, map_memory
 
@@ -108,6 +108,23 @@ class AgentView:
         observed = normalize(given, self.vec_normalize)
         flat = (array.reshape(*batch, math.prod(array.shape[len(batch) :])) for array in observed)
         return Transitions(*(th.as_tensor(array, dtype=th.float32, device=self.policy.device) for array in flat))
+
+    def task_probabilities(
+        self, belief: TaskBelief, tasks: ArrayLike, log_prior: ArrayLike | None
+    ) -> NDArray[np.float32]:
+        """Compute the posterior over candidate tasks."""
+        encoder: InfersTask = check_ability(self.encoder, InfersTask, "`task_probabilities`")
+        candidates = np.asarray(tasks, dtype=np.float32)
+        (task_dim,) = _shape(self.policy.task_space)
+        if candidates.ndim != 2 or candidates.shape[1] != task_dim:
+            raise ValueError(f"`tasks` has shape {candidates.shape}: give candidates, ({len(candidates)}, {task_dim}).")
+        if log_prior is not None and np.shape(log_prior) != (len(candidates),):
+            raise ValueError(f"`log_prior` has shape {np.shape(log_prior)}: give one for each task, {(len(candidates),)}.")
+        with th.no_grad():
+            weights = encoder.log_task_likelihood(belief.memory, th.as_tensor(candidates, device=self.policy.device))
+            if log_prior is not None:
+                weights = weights + th.as_tensor(log_prior).to(weights)
+            return np.asarray(weights.softmax(dim=-1).cpu().numpy())
 
     def _belief(self, memory: AnyMemory) -> TaskBelief:
         encoder: HasPosterior = check_ability(self.encoder, HasPosterior, "A belief to read")
@@ -203,6 +220,28 @@ class BeliefQueries:
             ValueError: if the encoder does not predict.
         """
         return self._view.outcomes(belief, observations, actions, next_observations, n_samples)
+
+    def task_probabilities(
+        self, belief: TaskBelief, tasks: ArrayLike, log_prior: ArrayLike | None = None
+    ) -> NDArray[np.float32]:
+        """Compute how probable each of several candidate tasks is, given a belief.
+
+        Args:
+            belief: from ``infer`` or ``belief``, batch shape (...).
+            tasks: the candidates, (n, task_dim), in the env's own units; any may be given, not only those of training.
+            log_prior: log of their prior weights, (n,), up to a constant. None: all are alike.
+
+        Returns:
+            Probabilities (..., n), which sum to 1.
+
+        Raises:
+            ValueError: if an array has another shape, or the encoder does not know tasks.
+
+        Example:
+            >>> goals = model.get_env().get_attr("task_distribution")[0].tasks("train")
+            >>> model.task_probabilities(model.belief(state), goals).argmax(axis=-1)
+        """
+        return self._view.task_probabilities(belief, tasks, log_prior)
 
     @property
     def _view(self) -> AgentView:

@@ -47,8 +47,8 @@ def diagnose(
       ``MeasuresDistance``. The model takes transitions of one task for independent given the task, and neighbours in
       an agent's stream are not. So the whole episode would show the correlation and not the model; these few show less
       of it, not none.
-    - Bounds: of every transition given those before it. Like the distances, with noise drawn.
-    - Alarm: an episode's score is minus its mean bound. On trained agents the tail of beta_n told less: it asks only
+    - Log scores: of every transition given those before it. Like the distances, with noise drawn.
+    - Alarm: an episode's score is minus its mean log score. On trained agents the tail of beta_n told less: it asks only
       whether the latents fit together. An episode more regular than expected scores low and raises no alarm.
 
     All random numbers come from ``seed``; torch's own state is as it was before. Needs the ``plots`` extra, for SciPy.
@@ -90,13 +90,13 @@ def diagnose(
             quantities=np.array(findings[0].quantities),
             pit=np.stack([found.pit for found in findings]),
             distance_levels=levels,
-            bounds=_bounds(view, sequences),
+            log_scores=_log_scores(view, sequences),
             beliefs=beliefs,
             explained=explained,
             real=np.stack([found.real for found in findings]),
             predicted=np.stack([found.predicted for found in findings], axis=1),
             outside_tasks=None if outside is None else np.asarray(outside_tasks, dtype=np.float64),
-            outside_bounds=None if outside is None else _bounds(view, _pad(outside)),
+            outside_log_scores=None if outside is None else _log_scores(view, _pad(outside)),
         )
 
 
@@ -203,11 +203,11 @@ def _randomized_ranks(values: Floats, samples: Floats, rng: np.random.Generator)
     return np.where(np.isnan(values), np.nan, ranks)
 
 
-def _bounds(view: AgentView, sequences: list[_Sequences]) -> Floats:
-    """Bound every transition given all before it, (n_tasks, n_episodes, horizon)."""
+def _log_scores(view: AgentView, sequences: list[_Sequences]) -> Floats:
+    """Score every transition given all before it, (n_tasks, n_episodes, horizon)."""
     encoder: Any = view.encoder  # which predicts
-    bounds = [encoder.one_step_bounds(view.observe(*of_task.transitions)) for of_task in sequences]
-    return th.stack(bounds).cpu().double().numpy()
+    log_scores = [encoder.one_step_scores(view.observe(*of_task.transitions)) for of_task in sequences]
+    return th.stack(log_scores).cpu().double().numpy()
 
 
 def _levels(view: AgentView, encoder: MeasuresDistance, episode: Episode) -> Floats:

@@ -1,4 +1,4 @@
-"""Draws a belief's diagnostics in one figure: calibration, distances, alarm, bound, trajectories, predictions."""
+"""Draws a belief's diagnostics in one figure: calibration, distances, alarm, log scores, trajectories, predictions."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def draw_diagnostics(diagnostics: Diagnostics) -> Figure:
 
     figure = Figure(figsize=(15.5, 8.6), layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12))
     panels: list[Axes] = list(figure.subplots(2, 3).flat)
-    drawings = [_draw_pit, _draw_distances, _draw_alarm, _draw_bounds, _draw_beliefs, _draw_prediction]
+    drawings = [_draw_pit, _draw_distances, _draw_alarm, _draw_log_scores, _draw_beliefs, _draw_prediction]
     if diagnostics.distance_levels is None:
         drawings.remove(_draw_distances)
         panels.pop().remove()
@@ -99,13 +99,13 @@ def _draw_alarm(panel: Axes, found: Diagnostics) -> None:
     for (name, scores), color in zip(groups.items(), COLORS, strict=False):
         panel.hist(np.clip(scores, low, high), bins=edges, color=color, alpha=0.55, label=name)
     panel.yaxis.set_major_locator(MaxNLocator(integer=True))
-    _label(panel, f"minus mean bound, nats{' (outer bars: and beyond)' if cut else ''}", "episodes")
+    _label(panel, f"minus mean log score, nats{' (outer bars: and beyond)' if cut else ''}", "episodes")
 
 
-def _draw_bounds(panel: Axes, found: Diagnostics) -> None:
-    """Draw the bound at each step: the median episode and the middle half of the episodes."""
-    style_panel(panel, f"Bound on held-out transitions: {found.numbers()['bound_nats']:.2f} nats")
-    low, middle, high = np.nanquantile(found.bounds, (0.25, 0.5, 0.75), axis=(0, 1))
+def _draw_log_scores(panel: Axes, found: Diagnostics) -> None:
+    """Draw the log score at each step: the median episode and the middle half of the episodes."""
+    style_panel(panel, f"Log score of held-out transitions: {found.numbers()['log_score']:.2f} nats")
+    low, middle, high = np.nanquantile(found.log_scores, (0.25, 0.5, 0.75), axis=(0, 1))
     steps = np.arange(1, len(middle) + 1)
     band = Band(steps, middle, low, high)
     draw_band(panel, band, COLORS[0], "median episode", range_name="middle half of episodes")

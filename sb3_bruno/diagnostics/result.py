@@ -22,7 +22,7 @@ class Diagnostics:
             the observation, as far as the encoder models them.
         pit: probability integral transforms (PIT) of the modelled quantities under the one-step predictive,
             ``(n_tasks, n_episodes, n_steps, n_quantities)``; uniform if the predictive is right.
-        bounds: bounds on the log-density of each transition given those before it, in nats,
+        log_scores: the log-density of each transition given those before it, in nats,
             ``(n_tasks, n_episodes, horizon)``.
         beliefs: posterior means after 0, 1, ... transitions, on their two principal axes,
             ``(n_tasks, n_episodes, horizon + 1, 2)``.
@@ -34,28 +34,27 @@ class Diagnostics:
             ``(n_tasks, n_episodes, n_scales)``; there is a scale per latent dimension, or one that all share. None if
             the encoder measures no distance.
         outside_tasks: tasks that the agent should not know, ``(n_outside, task_dim)``, or None.
-        outside_bounds: the bounds in episodes of the outside tasks, ``(n_outside, n_episodes, outside_horizon)``, or
-            None.
+        outside_log_scores: those in episodes of the outside tasks, ``(n_outside, n_episodes, outside_horizon)``, or None.
 
     Raises:
-        ValueError: if only one of ``outside_tasks`` and ``outside_bounds`` is None.
+        ValueError: if only one of ``outside_tasks`` and ``outside_log_scores`` is None.
     """
 
     tasks: Floats
     quantities: NDArray[np.str_]
     pit: Floats
-    bounds: Floats
+    log_scores: Floats
     beliefs: Floats
     explained: Floats
     real: Floats
     predicted: Floats
     distance_levels: Floats | None = None
     outside_tasks: Floats | None = None
-    outside_bounds: Floats | None = None
+    outside_log_scores: Floats | None = None
 
     def __post_init__(self) -> None:
-        if (self.outside_tasks is None) != (self.outside_bounds is None):
-            missing = "outside_tasks" if self.outside_tasks is None else "outside_bounds"
+        if (self.outside_tasks is None) != (self.outside_log_scores is None):
+            missing = "outside_tasks" if self.outside_tasks is None else "outside_log_scores"
             raise ValueError(f"{missing} is None while the other is not: give both or neither.")
 
     def pit_ks(self) -> Floats:
@@ -89,8 +88,8 @@ class Diagnostics:
         return shares
 
     def scores(self) -> Floats:
-        """Score how strange each episode is: minus its mean bound, nats per transition, ``(n_tasks, n_episodes)``."""
-        return _scores(self.bounds)
+        """Score how strange each episode is: minus its mean log score, nats per transition, ``(n_tasks, n_episodes)``."""
+        return _scores(self.log_scores)
 
     def outside_scores(self) -> Floats:
         """Score the outside episodes in the same way, ``(n_outside, n_episodes)``.
@@ -98,9 +97,9 @@ class Diagnostics:
         Raises:
             ValueError: if there are no outside episodes.
         """
-        if self.outside_bounds is None:
-            raise ValueError("outside_bounds is None, so there is nothing to score: pass outside_tasks to diagnose.")
-        return _scores(self.outside_bounds)
+        if self.outside_log_scores is None:
+            raise ValueError("outside_log_scores is None, so there is nothing to score: pass outside_tasks to diagnose.")
+        return _scores(self.outside_log_scores)
 
     def auroc(self) -> float:
         """Compute the probability that an outside episode scores as stranger than an inside episode.
@@ -118,27 +117,27 @@ class Diagnostics:
     def numbers(self) -> dict[str, float]:
         """Return scalars for a log; each mean over quantities or scales comes with the worst of them."""
         pit_ks = self.pit_ks()
-        horizon = self.bounds.shape[-1]
+        horizon = self.log_scores.shape[-1]
         numbers = {
             "pit_ks": pit_ks.mean(),
             "pit_ks_worst": pit_ks.max(),
             "coverage_50": self.coverage(0.5).mean(),
             "coverage_90": self.coverage(0.9).mean(),
-            "bound_nats": np.nanmean(self.bounds),
-            "bound_nats_first_step": np.nanmean(self.bounds[..., 0]),
-            "bound_nats_second_half": np.nanmean(self.bounds[..., horizon // 2 :]),
+            "log_score": np.nanmean(self.log_scores),
+            "log_score_first_step": np.nanmean(self.log_scores[..., 0]),
+            "log_score_second_half": np.nanmean(self.log_scores[..., horizon // 2 :]),
         }
         if self.distance_levels is not None:
             distance_ks = self.distance_ks()
             numbers |= {"distance_ks": distance_ks.mean(), "distance_ks_worst": distance_ks.max()}
-        if self.outside_bounds is not None:
+        if self.outside_log_scores is not None:
             numbers["auroc"] = self.auroc()
         return {name: float(value) for name, value in numbers.items()}
 
     def summary(self) -> str:
         """Write the numbers in words, with the calibration of each quantity."""
         numbers = self.numbers()
-        n_tasks, n_episodes, horizon = self.bounds.shape
+        n_tasks, n_episodes, horizon = self.log_scores.shape
         width = max(8, *(len(name) for name in self.quantities))
         lines = [
             f"{n_tasks} tasks, {n_episodes} episodes each, up to {horizon} steps",
@@ -150,8 +149,8 @@ class Diagnostics:
             mean, worst = numbers["distance_ks"], numbers["distance_ks_worst"]
             lines.append(f"sets of transitions: KS distance {mean:.3f}, worst {worst:.3f}")
         lines += [
-            f"bound {numbers['bound_nats']:.3f} nats per transition: {numbers['bound_nats_first_step']:.3f} at first, "
-            f"{numbers['bound_nats_second_half']:.3f} in the second half",
+            f"log score {numbers['log_score']:.3f} nats per transition: {numbers['log_score_first_step']:.3f} at first, "
+            f"{numbers['log_score_second_half']:.3f} in the second half",
         ]
         if self.outside_tasks is not None:
             lines.append(f"outside tasks: {len(self.outside_tasks)}, told from these with AUROC {numbers['auroc']:.3f}")
@@ -186,7 +185,7 @@ def _distances_from_uniform(levels: Floats) -> Floats:
     return np.array([kstest(column[~np.isnan(column)], "uniform").statistic for column in columns])
 
 
-def _scores(bounds: Floats) -> Floats:
+def _scores(log_scores: Floats) -> Floats:
     """Return minus the mean over an episode's steps, without NaN: ``(..., horizon)`` to ``(...)``."""
-    scores: Floats = -np.nanmean(bounds, axis=-1)
+    scores: Floats = -np.nanmean(log_scores, axis=-1)
     return scores

@@ -1,6 +1,6 @@
 """Task encoders: from transitions to a belief over the hidden task."""
 
-from sb3_bruno.encoders.abilities import HasPosterior, MeasuresDistance, Outcomes, Predicts
+from sb3_bruno.encoders.abilities import HasPosterior, InfersTask, MeasuresDistance, Outcomes, Predicts
 from sb3_bruno.encoders.base import Loss, TaskEncoder, TaskSequences, Transitions
 from sb3_bruno.encoders.bruno import BrunoEncoder
 from sb3_bruno.encoders.checker import check_encoder
@@ -11,6 +11,7 @@ __all__ = [
     "ENCODERS",
     "BrunoEncoder",
     "HasPosterior",
+    "InfersTask",
     "Loss",
     "MeasuresDistance",
     "Outcomes",

@@ -57,10 +57,11 @@ class Predicts(Protocol):
             ValueError: if the encoder predicts rewards given ``next_observations``, and these are None.
         """
 
-    def one_step_bounds(self, transitions: Transitions) -> Tensor:
-        """Bound log p(what is modelled | the rest, the transitions before) from below at every step, in nats.
+    def one_step_scores(self, transitions: Transitions) -> Tensor:
+        """Score every transition by log p(what is modelled | the rest, the transitions before), in nats.
 
-        Of sequences that each come from one task: (..., time, dim) -> (..., time)
+        Of sequences that each come from one task: (..., time, dim) -> (..., time). An encoder that bounds its evidence
+        scores by differences of bounds, whose sum is a bound again.
         """
 
     def log_bayes_factor(self, memory: Any, transitions: Transitions) -> Tensor:
@@ -68,6 +69,17 @@ class Predicts(Protocol):
 
         Below 0 where the belief expected the transition better than the prior does, far above where the task is
         another.
+        """
+
+
+@runtime_checkable
+class InfersTask(Protocol):
+    """Tells how likely tasks are, in their own units: for people, and whoever plans for several tasks."""
+
+    def log_task_likelihood(self, memory: Any, tasks: Tensor) -> Tensor:
+        """log p(transitions absorbed | task), in nats, for each of several tasks: (..., n, task_dim) -> (..., n)
+
+        A constant that is the same for all tasks may be missing.
         """
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, Literal, TypedDict, get_args
+from typing import Any, ClassVar, Literal, Self, TypedDict, get_args
 
 import torch as th
 from torch import Tensor
@@ -22,6 +22,7 @@ from sb3_bruno.encoders.base import Loss, TaskEncoder, TaskSequences, Transition
 from sb3_bruno.encoders.exchangeable_model import ExchangeableModel
 from sb3_bruno.encoders.kernel_model import KernelModel
 from sb3_bruno.encoders.latents import LatentModel, Seen
+from sb3_bruno.encoders.task_map import TaskMap
 from sb3_bruno.encoders.variables import Modelled, Variables
 from sb3_bruno.maths.exchangeable import Distance
 from sb3_bruno.maths.processes import EXCHANGEABLE, KERNEL
@@ -29,7 +30,7 @@ from sb3_bruno.maths.processes import EXCHANGEABLE, KERNEL
 NOISE_ENTROPY = 0.5 * math.log(2 * math.pi * math.e)
 """Entropy of one standard normal noise dimension, in nats."""
 
-ProcessName = Literal["kernel", "kernel_student_t", "gaussian", "student_t", "shared_student_t"]
+ProcessName = Literal["kernel", "kernel_student_t", "gaussian"]
 Objective = Literal["paper", "holdout", "prequential"]
 BeliefForm = Literal["mean", "mean_std", "mean_var"]
 
@@ -63,8 +64,7 @@ class BrunoEncoder(TaskEncoder[Any]):
             action led speaks of the task and not of the noise in between. Not in the paper. None: where the model can,
             which without a kernel maps rewards and next observations by one flow, if both are modelled.
         process: ``"kernel"``, or ``"kernel_student_t"``, whose belief has a scale that depends on the data;
-            ``"gaussian"`` as in the paper, or ``"student_t"`` and ``"shared_student_t"`` (one scale for all latent
-            dimensions), which know nothing of x.
+            ``"gaussian"`` is the paper's, whose covariance does not depend on x.
         n_weights: K, how many weights describe the task in a process with a kernel. Those not needed fall silent.
         net_arch: hidden layers of the networks of a kernel's features.
         extra_dims: noise dimensions that augment y (section 2.2), without a kernel.
@@ -100,7 +100,7 @@ class BrunoEncoder(TaskEncoder[Any]):
         flow_class: str | Callable[..., Flow] | None = "spline",
         flow_kwargs: dict[str, Any] | None = None,
         objective: Objective = "prequential",
-        belief: BeliefForm = "mean_std",
+        belief: BeliefForm = "mean",
     ) -> None:
         super().__init__()
         for name, value, known in (
@@ -115,8 +115,7 @@ class BrunoEncoder(TaskEncoder[Any]):
             raise ValueError(f"`extra_dims` must not be negative, got {extra_dims}.")
         if extra_dims and process != "gaussian":
             raise ValueError(
-                f"`extra_dims={extra_dims}` needs `process='gaussian'`, got {process!r}: noise is zero in a belief, which a "
-                "scale inferred from the data would take for evidence, and a kernel has no use for it."
+                f"`extra_dims={extra_dims}` needs `process='gaussian'`, got {process!r}: a kernel has no use for noise."
             )
         one_flow = process in EXCHANGEABLE and modelled == "both"
         if one_flow and condition_on_next:
@@ -131,10 +130,19 @@ class BrunoEncoder(TaskEncoder[Any]):
             self.model = KernelModel(variables, KERNEL[process], n_weights, net_arch, flow_class, flow_kwargs)
         else:
             self.model = ExchangeableModel(variables, EXCHANGEABLE[process], extra_dims, flow_class, flow_kwargs)
+        self.task_map: TaskMap | None = None
         self._objective = objective
         self._belief = belief
         self.shortest_sequence = 2 if objective == "holdout" else 1
         self.belief_dim = self.model.latent_dim * (1 if belief == "mean" else 2)
+
+    @classmethod
+    def build(cls, observation_dim: int, action_dim: int, task_dim: int, **kwargs: Any) -> Self:
+        """Build the encoder; with a kernel, together with a map that reads the true tasks in training."""
+        encoder = cls(observation_dim, action_dim, **kwargs)
+        if isinstance(encoder.model, KernelModel):
+            encoder.task_map = TaskMap(task_dim, encoder.model.latent_dim)
+        return encoder
 
     @property
     def process(self) -> Any:
@@ -180,13 +188,36 @@ class BrunoEncoder(TaskEncoder[Any]):
         factor: Tensor = self.process.log_bayes_factor(memory, *given, z)
         return factor
 
+    def log_task_likelihood(self, memory: Any, tasks: Tensor) -> Tensor:
+        """log p(transitions absorbed | task), in nats, for each of several tasks: (..., n, task_dim) -> (..., n)
+
+        Raises:
+            ValueError: if the encoder knows no tasks, because it has no kernel or was not made by ``build``.
+        """
+        if self.task_map is None:
+            raise ValueError("The encoder knows no tasks: use a process with a kernel, and make it by `build`.")
+        return self.task_map.log_likelihood(self.process, memory, tasks)
+
     def loss(self, sequences: TaskSequences) -> Loss:
-        """Minus the ``bound``. In training mode it also moves the running statistics that standardise x and y."""
-        transitions, _, weights = sequences
+        """Minus the ``bound``, and minus the score of the true tasks, which teaches the map from tasks alone.
+
+        In training mode it also moves the running statistics that standardise.
+        """
+        transitions, tasks, weights = sequences
         if self.training:
             self.model.variables.update(transitions, weights)
         bound = self.bound(transitions, weights)
-        return Loss(-bound, {"bound_nats": bound.detach()})
+        if self.task_map is None:
+            return Loss(-bound, {"bound_nats": bound.detach()})
+        if self.training:
+            self.task_map.standardize.update(tasks)
+        with th.no_grad():
+            given, z, log_det = self.see(transitions)
+            statistics = self.process.statistics(*given, z, weights)
+            weights = th.ones_like(log_det) if weights is None else weights
+        scores = self.task_map.log_likelihood(self.process, statistics, tasks.unsqueeze(-2)).squeeze(-1)
+        told = (scores.sum() + (weights * log_det).sum()) / weights.sum()
+        return Loss(-bound - told, {"bound_nats": bound.detach(), "task_nats": told.detach()})
 
     def bound(self, transitions: Transitions, weights: Tensor | None = None) -> Tensor:
         r"""Bound the log-density of a sequence of T transitions, per transition, by one of three objectives.
@@ -229,7 +260,7 @@ class BrunoEncoder(TaskEncoder[Any]):
             score = (weights * (log_z + log_det)).sum()
         return score / weights.sum() + self.model.noise_dim * NOISE_ENTROPY
 
-    def one_step_bounds(self, transitions: Transitions, weights: Tensor | None = None) -> Tensor:
+    def one_step_scores(self, transitions: Transitions, weights: Tensor | None = None) -> Tensor:
         """Score every transition given those before it, in nats: (..., time, dim) -> (..., time)"""
         given, z, log_det = self.see(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
         scores: Tensor = self.process.one_step_log_predictives(*given, z, weights)

@@ -80,18 +80,18 @@ class KernelModel(LatentModel):
         """Draw next observations first, where they are modelled; unless known, rewards follow from where they led."""
         variables, process = self.variables, self.process
         rewards = arrivals = None
-        n_each = n_samples  # rewards for each memory
+        follows = not arrives and variables.there_dim > 0  # rewards follow from next observations that are drawn
         if variables.change_dim:
             features = self._of_change(variables(transitions).here)
             z = process.sample(memory, features, n_samples)
             arrivals = transitions.observations + variables.changes(z)
-            if variables.there_dim and not arrives:
-                memory, n_each = process.absorb(memory, features, z), 1
+            if follows:
+                memory = process.absorb(memory, features, z)
                 expanded = Transitions(*(column.expand(n_samples, *column.shape) for column in transitions))
-                transitions, arrives = expanded._replace(next_observations=arrivals), True
+                transitions = expanded._replace(next_observations=arrivals)
         if variables.reward_dim:
-            check_arrives(arrives or not variables.there_dim)
+            check_arrives(not follows or arrivals is not None)
             x = variables(transitions).x
-            rewards = variables.rewards(self.flow.inverse(process.sample(memory, self._of_reward(x), n_each), x))
-            rewards = rewards if n_each == n_samples else rewards.squeeze(0)
+            z = process.sample(memory, self._of_reward(x), 1 if follows else n_samples)
+            rewards = variables.rewards(self.flow.inverse(z.squeeze(0) if follows else z, x))
         return Outcomes(rewards, arrivals)

@@ -62,13 +62,15 @@ class Variables(nn.Module):
         self.there_dim = observation_dim if condition_on_next and self.reward_dim else 0
         self.here_dim = observation_dim + action_dim
         self.x_dim = self.here_dim + self.there_dim
-        self.standardize = nn.ModuleList(
-            Standardize(dim) for dim in (self.here_dim, self.there_dim, self.reward_dim, self.change_dim)
+        dims = (self.here_dim, self.there_dim, self.reward_dim, self.change_dim)
+        self.standardize = nn.ModuleDict(
+            {name: Standardize(dim) for name, dim in zip(Values._fields, dims, strict=True)}
         )
 
     def forward(self, transitions: Transitions) -> Values:
         """Read standardised values off transitions (..., dim)."""
-        return Values(*(scale(column) for scale, column in zip(self.standardize, self._raw(transitions), strict=True)))
+        raw = self._raw(transitions)._asdict()
+        return Values(**{name: standardize(raw[name]) for name, standardize in self.standardize.items()})
 
     def _raw(self, transitions: Transitions) -> Values:
         observations, actions, rewards, arrivals = transitions
@@ -82,18 +84,17 @@ class Variables(nn.Module):
     def update(self, transitions: Transitions, weights: Tensor | None = None) -> None:
         """Move the running statistics towards those of the transitions that count."""
         counted = ... if weights is None else weights > 0
-        for scale, column in zip(self.standardize, self._raw(transitions), strict=True):
-            scale.update(column[counted])
+        for name, column in self._raw(transitions)._asdict().items():
+            self.standardize[name].update(column[counted])
 
     def log_det(self) -> Tensor:
         """Return the log-determinant of the map from y in the env's units to its standardised values, shape ()."""
-        _, _, rewards, changes = self.standardize
-        return -th.cat([rewards.std, changes.std]).log().sum()
+        return -th.cat([self.standardize["rewards"].std, self.standardize["changes"].std]).log().sum()
 
     def rewards(self, standardized: Tensor) -> Tensor:
         """Return rewards in the env's units, shapes (..., 1)."""
-        return self.standardize[2].inverse(standardized)
+        return self.standardize["rewards"].inverse(standardized)
 
     def changes(self, standardized: Tensor) -> Tensor:
         """Return changes of the observation in the env's units, shapes (..., observation_dim)."""
-        return self.standardize[3].inverse(standardized)
+        return self.standardize["changes"].inverse(standardized)

@@ -178,6 +178,33 @@ class KernelGaussian(nn.Module):
         log_volume, zero = belief.noise_log_det + log_det(belief.factor), th.zeros_like(belief.q)
         return self._result(self._log_density(zero, zero, belief.n_values, belief.q, log_volume).squeeze(-1))
 
+    def log_evidence_under(self, statistics: KernelStatistics, mean: Tensor, var: Tensor) -> Tensor:
+        """Return log p(z_1..z_n) if w ~ N(mean, diag var) instead of N(0, I), for several such priors at once.
+
+        Args:
+            statistics: ``(..., size)``.
+            mean: ``(..., n_priors, K)``.
+            var: ``(K,)``, the same for all of them.
+
+        Returns:
+            ``(..., n_priors)``.
+        """
+        gram, eta, energy = self._sums(statistics.sums)
+        prior_precision = 1 / var.double()
+        factor = inverse_factor(gram + prior_precision.diag_embed())
+        pulls = mean.double() * prior_precision
+        whitened = (eta.unsqueeze(-2) + pulls) @ factor
+        q = energy + (pulls * mean).sum(dim=-1) - whitened.square().sum(dim=-1)
+        log_volume = statistics.sums[..., -2:-1] + log_det(factor) - prior_precision.log().sum()
+        zero, n_values = th.zeros_like(energy), statistics.sums[..., -1:]
+        return self._result(self._log_density(zero, zero, n_values, q.clamp(min=0), log_volume))
+
+    def _sums(self, sums: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return Lambda - I, ``(..., K, K)``, eta, ``(..., K)``, and the sum of |z - b|^2 / S, ``(..., 1)``."""
+        k = self.n_weights
+        gram = sums[..., :-2].unflatten(-1, (k + 1, k + 1))
+        return gram[..., :k, :k], gram[..., :k, k], gram[..., k, k].unsqueeze(-1)
+
     def _belief(self, sums: Tensor) -> Belief:
         r"""Return what follows from the sums, ``(..., size)``.
 
@@ -187,11 +214,9 @@ class KernelGaussian(nn.Module):
         last place of the sums as keep Lambda positive definite whatever the features. Up to sums of 10^11 they are
         less than a hundredth.
         """
-        k = self.n_weights
-        gram = sums[..., :-2].unflatten(-1, (k + 1, k + 1))
-        precision, eta, energy = gram[..., :k, :k], gram[..., :k, k], gram[..., k, k].unsqueeze(-1)
+        precision, eta, energy = self._sums(sums)
         trace = precision.detach().diagonal(dim1=-2, dim2=-1).sum(dim=-1)
-        factor = inverse_factor(_one_plus(precision, 10 * k * th.finfo(th.float64).eps * trace))
+        factor = inverse_factor(_one_plus(precision, 10 * self.n_weights * th.finfo(th.float64).eps * trace))
         whitened = _times(factor.mT, eta)
         mean = _times(factor, whitened)
         q = th.maximum(energy - _squared_norm(whitened), _squared_norm(mean))

@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
 from sb3_bruno.maths.exchangeable import ExchangeableGaussian
-from sb3_bruno.maths.exchangeable_t import ExchangeableStudentT
 from sb3_bruno.maths.kernel_process import KernelGaussian
 from sb3_bruno.maths.kernel_process_t import KernelStudentT
 
-EXCHANGEABLE: dict[str, Callable[[int], ExchangeableGaussian]] = {
-    "gaussian": ExchangeableGaussian,
-    "student_t": ExchangeableStudentT,
-    "shared_student_t": partial(ExchangeableStudentT, shared_scale=True),
-}
+EXCHANGEABLE: dict[str, Callable[[int], ExchangeableGaussian]] = {"gaussian": ExchangeableGaussian}
 """Processes of so many latent dimensions, independent of each other, whose covariance does not depend on x."""
 
 KERNEL: dict[str, Callable[[int], KernelGaussian]] = {"kernel": KernelGaussian, "kernel_student_t": KernelStudentT}

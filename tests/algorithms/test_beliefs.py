@@ -71,7 +71,7 @@ def test_outcomes_come_in_the_envs_own_units(normalize):
     model = make_model(normalize, modelled="both", process="gaussian", condition_on_next=False)
     for parameter in model.encoder.model.flow.parameters():
         parameter.data.zero_()  # the identity
-    for scale in model.encoder.model.variables.standardize:
+    for scale in model.encoder.model.variables.standardize.values():
         scale.mean.zero_()
         scale.var.fill_(1.0)
     model.encoder.process.log_var.data.zero_()

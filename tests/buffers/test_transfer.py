@@ -105,7 +105,7 @@ def test_training_waits_for_no_number_and_sends_little(ours, theirs):
         assert up <= up_plain + (3 if gradient_steps == 1 else 0)
 
 
-@pytest.mark.parametrize("process", ["gaussian", "shared_student_t"])
+@pytest.mark.parametrize("process", ["gaussian", "kernel_student_t"])
 def test_so_it_is_with_every_process(process):
     model, plain = make(BrunoSAC, encoder_kwargs={"process": process}), make(SAC)
     for each in (model, plain):

@@ -78,7 +78,7 @@ def test_train_evaluate_enjoy_record_and_plot(run, tmp_path):
     assert AdaptationResult.load(folder / "adaptation.json").rewards.shape == (2, 2, 30)
     assert VideoFileClip(folder / "adaptation.mp4").n_frames == 30
     assert "reward" in run("diagnose", "--env", "PointDir-v0", "--episodes", 2)[0]
-    assert Diagnostics.load(folder / "diagnostics.npz").bounds.shape == (2, 2, 30)
+    assert Diagnostics.load(folder / "diagnostics.npz").log_scores.shape == (2, 2, 30)
     assert "none/bruno_sac folder was not found" in run("enjoy", "-f", "none")[1]  # also after a training
     assert "Mean reward" in run("enjoy", "--env", "PointDir-v0", "--no-render", "-n", 60)[0]
     assert run("record-video", "--env", "PointDir-v0", "-n", 10)[1] == ""

@@ -20,8 +20,13 @@ from sb3_bruno.diagnostics.diagnose import diagnose
 from sb3_bruno.evaluation.episodes import play_episodes
 from sb3_bruno_envs import POINT_DIR_TASKS, MetaTask, TransitionObservation
 
-SMALL = {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}}
-TINY = {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 1, "hidden_features": (8,)}}
+SMALL = {"n_weights": 2, "net_arch": (16,), "modelled": "rewards"}
+TINY = {
+    "flow_class": zuko.flows.MAF,
+    "flow_kwargs": {"transforms": 1, "hidden_features": (8,)},
+    "net_arch": (8,),
+    "modelled": "rewards",
+}
 SETTINGS: dict[str, Any] = {"policy_kwargs": {"net_arch": [16]}, "buffer_size": 1_000, "seed": 0}
 POINT_DIR = "sb3_bruno_envs:PointDir-v0"
 MakeEnv = Callable[[], gym.Env[Any, Any]]
@@ -53,7 +58,8 @@ class ModelWorld(gym.Env[Row, Row]):
         statistics = encoder.empty((1,)) if self.statistics is None else self.statistics
         here, taken, there = (th.as_tensor(array)[None] for array in (self.seen, action, self._fresh()))
         with th.no_grad():
-            drawn = encoder.outcomes(statistics, here, taken, there, 1)
+            led = None if encoder.model.variables.change_dim else there
+            drawn = encoder.outcomes(statistics, here, taken, led, 1)
             reward = th.zeros(1, 1) if drawn.rewards is None else drawn.rewards[0]
             there = there if drawn.next_observations is None else drawn.next_observations[0]
             self.statistics = encoder.absorb(statistics, Transitions(here, taken, reward, there))
@@ -74,12 +80,12 @@ def world_of(**encoder_kwargs: Any) -> tuple[BrunoSAC, MakeEnv]:
         world = MetaTask(ModelWorld(encoder_of), ModelWorld.set_task, [[1.0, 30.0]], task_space=space)
         return TransitionObservation(world)
 
-    model = BrunoSAC("MlpPolicy", make_env(), encoder_kwargs={**TINY, "extra_dims": 0, **encoder_kwargs}, **SETTINGS)
+    model = BrunoSAC("MlpPolicy", make_env(), encoder_kwargs={**TINY, **encoder_kwargs}, **SETTINGS)
     assert isinstance(model.encoder, BrunoEncoder)
     encoder_of["world"] = model.encoder
     with th.no_grad():
-        model.encoder.process.correlation_logit += 2.0  # tasks that differ
-        model.encoder.standardize_y.var.fill_(0.01)  # small steps: where they grow as they lead on, all ends in NaN
+        for name in ("rewards", "changes"):  # small steps: where they grow as they lead on, all ends in NaN
+            model.encoder.model.variables.standardize[name].var.fill_(0.01)
     th.manual_seed(17)  # of what the world draws, which must not be what the samples are drawn with
     return model, make_env
 
@@ -96,8 +102,9 @@ def make_point_dir() -> gym.Env[Any, Any]:
     ("modelled", "process", "quantities"),
     [
         ("rewards", "gaussian", ["reward"]),
-        ("next_observations", "student_t", ["change of observation 0", "change of observation 1"]),
-        ("both", "shared_student_t", ["reward", "change of observation 0", "change of observation 1"]),
+        ("rewards", "kernel", ["reward"]),
+        ("next_observations", "kernel", ["change of observation 0", "change of observation 1"]),
+        ("both", "kernel_student_t", ["reward", "change of observation 0", "change of observation 1"]),
     ],
 )
 def test_a_model_that_is_the_truth_is_calibrated(modelled: str, process: str, quantities: list[str]) -> None:
@@ -109,7 +116,7 @@ def test_a_model_that_is_the_truth_is_calibrated(modelled: str, process: str, qu
     assert found.distance_ks().max() < 0.31  # 40 values: likewise
     np.testing.assert_allclose(found.coverage(0.5), 0.5, atol=0.06)
     np.testing.assert_allclose(found.coverage(0.9), 0.9, atol=0.04)
-    assert found.distance_levels.shape[-1] == (1 if process == "shared_student_t" else len(quantities))
+    assert found.distance_levels.shape[-1] == 1
 
 
 def test_the_same_tasks_raise_no_alarm() -> None:
@@ -131,17 +138,17 @@ def test_episodes_that_end_early_leave_nan_and_bias_nothing() -> None:
     model, make_env = world_of()
     found = diagnose(model, make_env, [[1.0, 4.0], [1.0, 7.0]], n_episodes=3, outside_tasks=[[1.0, 2.0]])
     for task, length in enumerate((4, 7)):
-        for array, known in ((found.pit, length), (found.bounds, length), (found.beliefs, length + 1)):
+        for array, known in ((found.pit, length), (found.log_scores, length), (found.beliefs, length + 1)):
             assert np.isfinite(array[task, :, :known]).all() and np.isnan(array[task, :, known:]).all()
         for row in (found.real[task], *found.predicted[:, task]):
             assert np.isfinite(row[:length]).all() and np.isnan(row[length:]).all()
-    assert found.outside_bounds is not None and found.outside_bounds.shape == (1, 3, 2)
+    assert found.outside_log_scores is not None and found.outside_log_scores.shape == (1, 3, 2)
     assert np.isfinite(list(found.numbers().values())).all()
 
 
 @pytest.mark.parametrize("normalize", [False, True])
 def test_what_is_found_is_what_the_agent_believed(normalize: bool) -> None:
-    model = point_dir(extra_dims=1)
+    model = point_dir()
     normalizer = VecNormalize(make_vec_env(POINT_DIR, 1), training=False) if normalize else None
     if normalizer is not None:
         normalizer.obs_rms["observation"].mean[:] = 0.3
@@ -155,7 +162,7 @@ def test_what_is_found_is_what_the_agent_believed(normalize: bool) -> None:
         for episode, path in zip(of_task, points, strict=True):
             columns = (episode.observations, episode.actions, episode.rewards[:, None], episode.next_observations)
             prefixes = [model.infer(Transitions(*(column[:t] for column in columns))).mean for t in range(31)]
-            # Two latent dimensions: on their principal axes all distances stay as they are.
+            # Two weights: on their principal axes all distances stay as they are.
             np.testing.assert_allclose(
                 np.linalg.norm(path - path[0], axis=1), np.linalg.norm(np.stack(prefixes), axis=1), rtol=1e-3, atol=1e-5
             )
@@ -163,7 +170,7 @@ def test_what_is_found_is_what_the_agent_believed(normalize: bool) -> None:
     first = recorded[-1][0]
     columns = (first.observations, first.actions, first.rewards[:, None], first.next_observations)
     belief = model.infer(Transitions(*(column[:12] for column in columns)))
-    samples = model.predict_outcomes(belief, columns[0][12], columns[1][12], n_samples=4_000).rewards
+    samples = model.predict_outcomes(belief, *(columns[i][12] for i in (0, 1, 3)), n_samples=4_000).rewards
     assert samples is not None
     truth = [samples.mean(), samples.quantile(0.05), samples.quantile(0.95)]
     some_errors = 0.7 * samples.std().item()  # 99 samples know the mean to 0.1 standard deviations, quantiles to 0.25
@@ -172,7 +179,7 @@ def test_what_is_found_is_what_the_agent_believed(normalize: bool) -> None:
 
 def test_beliefs_of_a_trial_leave_out_what_the_agent_was_not_shown() -> None:
     env_id = "sb3_bruno_envs:SparsePointGoal-v0"
-    model = BrunoSAC("MlpPolicy", make_vec_env(env_id, 1), encoder_kwargs={**SMALL, "extra_dims": 0}, **SETTINGS)
+    model = BrunoSAC("MlpPolicy", make_vec_env(env_id, 1), encoder_kwargs={**SMALL, "n_weights": 1}, **SETTINGS)
     task = np.array([[0.0, 1.0]], dtype=np.float32)
     found = diagnose(model, lambda: gym.make(env_id, n_episodes=2), task, n_episodes=1)
     means: list[NDArray[Any]] = []
@@ -188,27 +195,27 @@ def test_beliefs_of_a_trial_leave_out_what_the_agent_was_not_shown() -> None:
 
     ((episode,),) = play_episodes(Noting(), lambda: gym.make(env_id, n_episodes=2), task, n_episodes=1)
     assert np.flatnonzero(episode.inner_ends).tolist() == [19]
-    carried = np.abs(np.concatenate(means))  # one latent dimension, whose prior mean is 0
+    carried = np.abs(np.concatenate(means))  # one weight, whose prior mean is 0
     assert carried[20] == carried[19] != carried[18]
     np.testing.assert_allclose(np.abs(found.beliefs[0, 0, :-1, 0] - found.beliefs[0, 0, 0, 0]), carried, atol=1e-5)
 
 
-def test_bounds_are_the_encoders_own_in_the_order_of_the_episode() -> None:
-    model = point_dir(extra_dims=0)  # no noise, so no draw to agree on
+def test_log_scores_are_the_encoders_own_in_the_order_of_the_episode() -> None:
+    model = point_dir(n_weights=1)
     tasks = POINT_DIR_TASKS.tasks("test")
     found = diagnose(model, make_point_dir, tasks, n_episodes=2, outside_tasks=tasks[:1])
     outside = play_episodes(model, make_point_dir, tasks[:1], n_episodes=2, seed=1)
     inside = play_episodes(model, make_point_dir, tasks, n_episodes=2, seed=0)
-    for recorded, bounds in ((inside, found.bounds), (outside, found.outside_bounds)):
-        assert bounds is not None
-        for episodes, rows in zip(recorded, bounds, strict=True):
+    for recorded, log_scores in ((inside, found.log_scores), (outside, found.outside_log_scores)):
+        assert log_scores is not None
+        for episodes, rows in zip(recorded, log_scores, strict=True):
             for episode, row in zip(episodes, rows, strict=True):
                 rewards = episode.rewards[:, None]
                 columns = (episode.observations, episode.actions, rewards, episode.next_observations)
                 transitions = Transitions(*map(th.as_tensor, columns))
                 with th.no_grad():
-                    np.testing.assert_allclose(row, model.encoder.one_step_bounds(transitions), rtol=1e-4, atol=1e-5)
-    np.testing.assert_allclose(found.explained, [1, 0])  # one latent dimension
+                    np.testing.assert_allclose(row, model.encoder.one_step_scores(transitions), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(found.explained, [1, 0])  # one weight
     np.testing.assert_allclose(found.beliefs[..., 1], 0)
 
 
@@ -232,7 +239,7 @@ def test_long_episodes_are_scored_at_fifty_steps() -> None:
     found = diagnose(
         model, lambda: gym.make(POINT_DIR, max_episode_steps=120), POINT_DIR_TASKS.tasks("test"), n_episodes=1
     )
-    assert found.pit.shape[2] == 50 and found.bounds.shape[2] == 120
+    assert found.pit.shape[2] == 50 and found.log_scores.shape[2] == 120
     assert np.isfinite(found.pit).all()
 
 

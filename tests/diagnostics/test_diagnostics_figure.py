@@ -16,22 +16,22 @@ from sb3_bruno.diagnostics.result import Diagnostics
 def diagnostics_of(n_tasks: int, quantities: int = 1, outside_bound: float | None = None) -> Diagnostics:
     """Two episodes of five steps of each task; the last episode ends after three steps."""
     rng = np.random.default_rng(0)
-    pit, bounds = rng.random((n_tasks, 2, 5, quantities)), rng.normal(size=(n_tasks, 2, 5))
+    pit, log_scores = rng.random((n_tasks, 2, 5, quantities)), rng.normal(size=(n_tasks, 2, 5))
     beliefs = rng.normal(size=(n_tasks, 2, 6, 2))
-    pit[-1, 1, 3:] = bounds[-1, 1, 3:] = beliefs[-1, 1, 4:] = np.nan
+    pit[-1, 1, 3:] = log_scores[-1, 1, 3:] = beliefs[-1, 1, 4:] = np.nan
     predicted = np.stack([np.zeros((n_tasks, 5)), -np.ones((n_tasks, 5)), np.ones((n_tasks, 5))])
     return Diagnostics(
         tasks=np.linspace(0.0, 1.0, n_tasks)[:, None],
         quantities=np.array([f"quantity {i}" for i in range(quantities)]),
         pit=pit,
         distance_levels=rng.random((n_tasks, 2, quantities)),
-        bounds=bounds,
+        log_scores=log_scores,
         beliefs=beliefs,
         explained=np.array([0.5, 0.25]),
         real=rng.normal(size=(n_tasks, 5)),
         predicted=predicted,
         outside_tasks=None if outside_bound is None else np.array([[9.0]]),
-        outside_bounds=None if outside_bound is None else np.full((1, 2, 5), outside_bound),
+        outside_log_scores=None if outside_bound is None else np.full((1, 2, 5), outside_bound),
     )
 
 
@@ -45,7 +45,7 @@ def test_six_panels_show_the_numbers() -> None:
         f"Calibration: {half:.0f} % within 50 %, {most:.0f} % within 90 %",
         "Distance of 4 sets of transitions",
         "Out-of-distribution alarm: AUROC 1.000",
-        f"Bound on held-out transitions: {numbers['bound_nats']:.2f} nats",
+        f"Log score of held-out transitions: {numbers['log_score']:.2f} nats",
         "Posterior means, 75 % of their variance",
         "Predicted and real quantity 0",
     ]
@@ -69,9 +69,9 @@ def test_an_encoder_that_measures_no_distance_has_five_panels(tmp_path: Path) ->
 
 def test_lines_are_the_arrays() -> None:
     found = diagnostics_of(2)
-    _, _, alarm, bounds, beliefs, prediction = draw_diagnostics(found).axes
+    _, _, alarm, log_scores, beliefs, prediction = draw_diagnostics(found).axes
     assert sum(bar.get_height() for bar in alarm.patches) == found.scores().size
-    np.testing.assert_allclose(bounds.lines[0].get_ydata(), np.nanmedian(found.bounds, axis=(0, 1)))
+    np.testing.assert_allclose(log_scores.lines[0].get_ydata(), np.nanmedian(found.log_scores, axis=(0, 1)))
     ends = [line.get_xydata()[0] for line in beliefs.lines if line.get_marker() == "o"]
     np.testing.assert_allclose(ends, [*found.beliefs[0, :, -1], found.beliefs[1, 0, -1], found.beliefs[1, 1, 3]])
     np.testing.assert_allclose(prediction.lines[0].get_ydata(), found.predicted[0, 0])

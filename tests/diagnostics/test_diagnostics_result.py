@@ -18,20 +18,20 @@ NAN = np.nan
 def diagnostics_of(seed: int = 0, n_outside: int = 2, **changes: Any) -> Diagnostics:
     """Three tasks, four episodes of six steps, two quantities. One episode ends after two steps."""
     rng = np.random.default_rng(seed)
-    pit, bounds, beliefs = rng.random((3, 4, 6, 2)), rng.normal(size=(3, 4, 6)), rng.normal(size=(3, 4, 7, 2))
-    pit[1, 2, 2:] = bounds[1, 2, 2:] = beliefs[1, 2, 3:] = NAN
+    pit, log_scores, beliefs = rng.random((3, 4, 6, 2)), rng.normal(size=(3, 4, 6)), rng.normal(size=(3, 4, 7, 2))
+    pit[1, 2, 2:] = log_scores[1, 2, 2:] = beliefs[1, 2, 3:] = NAN
     found = Diagnostics(
         tasks=rng.normal(size=(3, 1)),
         quantities=np.array(["reward", "change of observation 0"]),
         pit=pit,
         distance_levels=rng.random((3, 4, 3)),
-        bounds=bounds,
+        log_scores=log_scores,
         beliefs=beliefs,
         explained=np.array([0.7, 0.2]),
         real=rng.normal(size=(3, 6)).astype(np.float32),
         predicted=np.sort(rng.normal(size=(3, 3, 6)), axis=0)[[1, 0, 2]],
         outside_tasks=rng.normal(size=(n_outside, 1)) if n_outside else None,
-        outside_bounds=rng.normal(size=(n_outside, 4, 9)) if n_outside else None,
+        outside_log_scores=rng.normal(size=(n_outside, 4, 9)) if n_outside else None,
     )
     return replace(found, **changes)
 
@@ -60,24 +60,24 @@ def test_coverage_counts_what_lies_in_the_central_interval() -> None:
 def test_auroc_is_the_share_of_pairs_in_the_right_order() -> None:
     found = diagnostics_of()
     inside, outside = found.scores(), found.outside_scores()
-    assert inside[1, 2] == pytest.approx(-found.bounds[1, 2, :2].mean())  # of the steps that were
+    assert inside[1, 2] == pytest.approx(-found.log_scores[1, 2, :2].mean())  # of the steps that were
     pairs = outside.ravel()[:, None] - inside.ravel()[None]
     assert found.auroc() == pytest.approx((pairs > 0).mean())
-    assert found.outside_bounds is not None
-    assert replace(found, outside_bounds=found.outside_bounds - 100).auroc() == 1.0
-    tied = replace(found, bounds=np.zeros((1, 2, 3)), outside_bounds=np.zeros((1, 2, 3)))
+    assert found.outside_log_scores is not None
+    assert replace(found, outside_log_scores=found.outside_log_scores - 100).auroc() == 1.0
+    tied = replace(found, log_scores=np.zeros((1, 2, 3)), outside_log_scores=np.zeros((1, 2, 3)))
     assert tied.auroc() == 0.5
 
 
 def test_numbers_are_flat_and_tell_the_worst() -> None:
-    bounds = np.array([[[1.0, 2.0, 4.0, 6.0], [3.0, 2.0, 5.0, NAN]]])
-    found = diagnostics_of(bounds=bounds)
+    log_scores = np.array([[[1.0, 2.0, 4.0, 6.0], [3.0, 2.0, 5.0, NAN]]])
+    found = diagnostics_of(log_scores=log_scores)
     numbers = found.numbers()
     assert all(type(value) is float for value in numbers.values())
     assert numbers["pit_ks_worst"] == found.pit_ks().max() > numbers["pit_ks"] == pytest.approx(found.pit_ks().mean())
     assert numbers["distance_ks_worst"] == found.distance_ks().max() > numbers["distance_ks"]
-    assert numbers["bound_nats"] == pytest.approx(23 / 7)
-    assert (numbers["bound_nats_first_step"], numbers["bound_nats_second_half"]) == (2.0, 5.0)
+    assert numbers["log_score"] == pytest.approx(23 / 7)
+    assert (numbers["log_score_first_step"], numbers["log_score_second_half"]) == (2.0, 5.0)
     assert numbers["auroc"] == found.auroc()
     assert "auroc" not in diagnostics_of(n_outside=0).numbers()
 
@@ -118,7 +118,7 @@ def test_load_refuses_other_files(tmp_path: Path) -> None:
 def test_errors_name_the_argument_and_the_remedy() -> None:
     with pytest.raises(ValueError, match=r"level=1\.5 is not between 0 and 1: give the interval's probability"):
         diagnostics_of().coverage(1.5)
-    with pytest.raises(ValueError, match=r"outside_bounds is None, .*: pass outside_tasks to diagnose"):
+    with pytest.raises(ValueError, match=r"outside_log_scores is None, .*: pass outside_tasks to diagnose"):
         diagnostics_of(n_outside=0).auroc()
     with pytest.raises(ValueError, match="outside_tasks is None while the other is not: give both or neither"):
         diagnostics_of(outside_tasks=None)

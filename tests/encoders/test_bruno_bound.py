@@ -44,7 +44,7 @@ def test_holdout_scores_what_comes_after_the_context_alone(monkeypatch, process)
 @pytest.mark.parametrize("process", PROCESSES)
 def test_prequential_is_the_exact_joint_evidence_per_transition(process):
     encoder, transitions = encoder_of(process=process, objective="prequential"), transitions_of(2, 8)
-    one_by_one = encoder.one_step_bounds(transitions)
+    one_by_one = encoder.one_step_scores(transitions)
     assert encoder.bound(transitions).item() == pytest.approx(one_by_one.mean().item(), rel=1e-9)
     memory, scores = encoder.empty((2,)), []
     for t in range(8):
@@ -109,7 +109,7 @@ def test_only_training_moves_the_statistics():
     encoder.train().bound(transitions)
     assert all(th.equal(one, two) for one, two in zip(before, encoder.buffers(), strict=True))
     encoder.loss(sequences)
-    th.testing.assert_close(encoder.model.variables.standardize[2].mean, transitions.rewards.mean(dim=(0, 1)))
+    th.testing.assert_close(encoder.model.variables.standardize["rewards"].mean, transitions.rewards.mean(dim=(0, 1)))
 
 
 def test_context_is_the_papers_for_a_hundred_transitions(monkeypatch):

@@ -202,7 +202,7 @@ def test_rewards_follow_from_next_observations_that_were_drawn():
         {"modelled": "actions"},
         {"belief": "var"},
         {"extra_dims": -1},
-        {"extra_dims": 1, "process": "student_t"},
+        {"extra_dims": 1, "process": "kernel_student_t"},
         {"process": "cauchy"},
         {"objective": "elbo"},
         {"n_weights": 0},

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import f, invgamma, kstest, multivariate_t
 
-from sb3_bruno.maths.exchangeable_t import ExchangeableStudentT
 from sb3_bruno.maths.kernel_process import KernelGaussian
 from sb3_bruno.maths.kernel_process_t import KernelStudentT
 from sb3_bruno.maths.kernel_statistics import Features, KernelStatistics
@@ -93,19 +92,14 @@ def test_posterior_is_the_dense_t(k, m, n, df, seed):
     assert posterior.log_prob(th.as_tensor(w)).item() == pytest.approx(truth, rel=1e-9, abs=1e-9)
 
 
-@given(st.floats(1e-2, 1e2), st.floats(1e-3, 0.999), dfs, lengths, seeds)
-def test_the_exchangeable_process_is_a_special_case(var, correlation, df, n, seed):
-    """One value, one weight, Phi = sqrt(rho), S = v - rho: then theta = sqrt(rho) w."""
-    exchangeable = ExchangeableStudentT(1, var=var, correlation=correlation, df=df).double().requires_grad_(False)
-    process = process_of(1, exchangeable.df.item())
-    z = th.as_tensor(np.random.default_rng(seed).normal(size=(3, n, 1)))
-    features = Features(th.zeros(1), exchangeable.cov.sqrt().unsqueeze(-1), exchangeable.noise_var)
-    expected, found = exchangeable.prefixes(z), process.prefixes(features, z)
-    _, theta_var = exchangeable.posterior_moments(expected)
-    th.testing.assert_close(exchangeable.cov * process.posterior_moments(found)[1], theta_var, **EXACT)
-    th.testing.assert_close(process.log_evidence(found), exchangeable.log_evidence(expected), **EXACT)
-    for part, other in zip(process.distance(found), exchangeable.distance(expected), strict=True):
-        th.testing.assert_close(part, other, **EXACT)
+@given(sizes, sizes, st.integers(1, 7), dfs, seeds)
+def test_evidence_under_another_prior_is_the_dense_t(k, m, n, df, seed):
+    process, seen = process_of(k, df), draw_observations(seed, n, n_weights=k, n_values=m)
+    rng = np.random.default_rng(seed)
+    mean, var, dense = rng.normal(size=k), np.exp(rng.normal(size=k)), Dense.of(seen)
+    found = process.log_evidence_under(process.statistics(*seen), th.as_tensor(mean)[None], th.as_tensor(var)).item()
+    cov = dense.cov + dense.phi @ np.diag(var - 1) @ dense.phi.T
+    assert found == pytest.approx(t_log_density(dense.error - dense.phi @ mean, cov, df), rel=1e-8, abs=1e-8)
 
 
 def test_many_degrees_of_freedom_are_the_gaussian():

@@ -89,7 +89,7 @@ def test_vec_normalize_is_saved_and_synchronised(algorithm, make_model, tmp_path
 @pytest.mark.parametrize("options", [*({"norm_obs_keys": keys} for keys in KEYS), {"norm_obs": False}], ids=str)
 def test_a_belief_carried_through_predict_is_that_of_the_transitions(make_model, options):
     env = normalized(**options)
-    model = make_model(env, encoder_kwargs={"extra_dims": 0}).learn(60)
+    model = make_model(env, encoder_kwargs={"modelled": "rewards"}).learn(60)
     env.training = False
     rows, observation, state, start = [], env.reset(), None, np.ones(1)
     for _ in range(10):

@@ -77,8 +77,8 @@ def test_load_does_not_ignore_how_the_encoder_is_to_be_built(algorithm, make_mod
     algorithm.load(tmp_path / "model", critic_input="both", encoder_kwargs=TINY_FLOW)
     with pytest.raises(ValueError, match="`critic_input='task'` is not what the model was saved with, 'both'"):
         algorithm.load(tmp_path / "model", critic_input="task")
-    with pytest.raises(ValueError, match=r"`encoder_kwargs=\{'extra_dims': 2\}` is not what"):
-        algorithm.load(tmp_path / "model", encoder_kwargs={"extra_dims": 2})
+    with pytest.raises(ValueError, match=r"`encoder_kwargs=\{'n_weights': 2\}` is not what"):
+        algorithm.load(tmp_path / "model", encoder_kwargs={"n_weights": 2})
 
 
 @for_each(BRUNO)

@@ -75,8 +75,8 @@ def test_what_is_drawn_leaves_the_rest_of_a_dict_alone(tmp_path, monkeypatch):
     experiment = searching("CartpoleSwingUp-v0")
     before = dict(experiment._hyperparams)
     trial = experiment._hyperparams.copy()
-    trial.update({"encoder_kwargs": {"extra_dims": 3}, "gamma": 0.9})
-    assert trial["encoder_kwargs"] == {"modelled": "both", "extra_dims": 3} and trial["gamma"] == 0.9
+    trial.update({"encoder_kwargs": {"n_weights": 3}, "gamma": 0.9})
+    assert trial["encoder_kwargs"] == {"modelled": "both", "n_weights": 3} and trial["gamma"] == 0.9
     assert experiment._hyperparams == before
 
 

@@ -1,0 +1,51 @@
+"""Learns what weights a task has, so that a belief over weights tells how likely any task is."""
+
+from __future__ import annotations
+
+import torch as th
+from torch import Tensor, nn
+
+from sb3_bruno.maths.kernel_process import KernelGaussian
+from sb3_bruno.maths.kernel_statistics import KernelStatistics
+from sb3_bruno.maths.standardize import Standardize
+
+
+class TaskMap(nn.Module):
+    r"""Creates a map from tasks to the weights of a process with a kernel, with slack for what it cannot tell.
+
+    .. math:: w \mid g \sim N(\psi(g), \text{diag } \tau)
+
+    Then the likelihood of a task g follows from the statistics of a set in closed form, and so does the posterior over
+    any candidates. The posterior is in the task's own units, and may have several modes. The map learns from the true
+    tasks of training; it teaches the encoder nothing.
+
+    Args:
+        task_dim: size of the task vector.
+        n_weights: K, the number of weights.
+        hidden_size: width of the two hidden layers of psi.
+    """
+
+    def __init__(self, task_dim: int, n_weights: int, hidden_size: int = 64) -> None:
+        super().__init__()
+        self.standardize = Standardize(task_dim)
+        self.psi = nn.Sequential(
+            nn.Linear(task_dim, hidden_size),
+            nn.SiLU(),
+            nn.Linear(hidden_size, hidden_size),
+            nn.SiLU(),
+            nn.Linear(hidden_size, n_weights),
+        )
+        self.log_slack = nn.Parameter(th.zeros(n_weights))
+
+    def log_likelihood(self, process: KernelGaussian, statistics: KernelStatistics, tasks: Tensor) -> Tensor:
+        """Return log p(set | task) in nats for each of several tasks.
+
+        Args:
+            process: that joins the set.
+            statistics: of the set, ``(..., size)``.
+            tasks: ``(..., n, task_dim)``.
+
+        Returns:
+            ``(..., n)``.
+        """
+        return process.log_evidence_under(statistics, self.psi(self.standardize(tasks)), self.log_slack.exp())
