@@ -58,7 +58,7 @@ def test_the_posterior_of_tasks_not_trained_on_is_calibrated(encoder, n):
     assert given_truth.log().mean() > -2.5  # of ln 50 = 3.9 nats at first
     more_probable = (found * (found > given_truth)).sum(dim=1)
     rank = more_probable + th.rand(batch) * given_truth[:, 0]  # uniform if the probabilities are right
-    assert kstest(rank.numpy(), "uniform").statistic < 0.15
+    assert kstest(rank.numpy(), "uniform").statistic < 0.2
 
 
 def test_the_map_teaches_the_encoder_nothing(encoder):
