@@ -119,7 +119,9 @@ class AgentView:
         if candidates.ndim != 2 or candidates.shape[1] != task_dim:
             raise ValueError(f"`tasks` has shape {candidates.shape}: give candidates, ({len(candidates)}, {task_dim}).")
         if log_prior is not None and np.shape(log_prior) != (len(candidates),):
-            raise ValueError(f"`log_prior` has shape {np.shape(log_prior)}: give one for each task, {(len(candidates),)}.")
+            raise ValueError(
+                f"`log_prior` has shape {np.shape(log_prior)}: give one for each task, {(len(candidates),)}."
+            )
         with th.no_grad():
             weights = encoder.log_task_likelihood(belief.memory, th.as_tensor(candidates, device=self.policy.device))
             if log_prior is not None:

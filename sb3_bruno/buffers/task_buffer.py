@@ -47,7 +47,7 @@ class TaskReplayBuffer(TaskRing):
     A sample is ``n_sequences`` tasks, drawn uniformly with replacement, with a sequence of transitions each. The
     belief at a transition is that of the transitions before it in its sequence; ``context`` says which those are:
 
-    - ``"iid"``: drawn from all transitions of the task, none twice if there are enough; the paper draws with replacement
+    - ``"iid"``: drawn from all transitions of the task, none twice if there are enough (the paper: with replacement)
     - ``"recent"``: the same, from the task's last ``n_recent`` transitions
     - ``"episode"``: what the agent had itself seen at that step, in its order (an episode whose first rows were
       overwritten begins at the first that is left). Of a ``Trial``, all its inner episodes are one

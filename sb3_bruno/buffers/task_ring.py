@@ -27,8 +27,8 @@ class TaskRing(ReplayBuffer):
     """Stores transitions in a ring, grouped by the task in ``info["task"]``.
 
     Once ``buffer_size`` transitions are in, the oldest are overwritten, of whatever task. A task whose last transition
-    goes is no longer drawn. Where an info has ``"final_observation"``, an inner episode of a trial ended: the transition
-    led there, and what the agent was shown next begins another inner episode.
+    goes is no longer drawn. Where an info has ``"final_observation"``, an inner episode of a trial ended: there the
+    transition led, and what the agent was shown next begins another inner episode.
 
     Args:
         buffer_size: number of transitions, over all environments.
@@ -105,7 +105,7 @@ class TaskRing(ReplayBuffer):
         self.episodes.put(done)
         self.inner_ends[self.pos] = ["final_observation" in info for info in infos]
         arrivals = np.array(next_obs["observation"])
-        # Not done, even where the inner episode terminated: the trial goes on from where the next one begins, and unless
+        # Not done, even where the inner episode terminated: the trial goes on from where the next one begins. Unless
         # values flow through its inner ends, nothing is earned by finding out what only later episodes are paid for.
         for slot, arrival, info in zip(range(first_slot, first_slot + self.n_envs), arrivals, infos, strict=True):
             self._restarts.pop(slot, None)

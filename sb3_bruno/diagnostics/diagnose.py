@@ -48,7 +48,7 @@ def diagnose(
       an agent's stream are not. So the whole episode would show the correlation and not the model; these few show less
       of it, not none.
     - Log scores: of every transition given those before it. Like the distances, with noise drawn.
-    - Alarm: an episode's score is minus its mean log score. On trained agents the tail of beta_n told less: it asks only
+    - Alarm: minus the mean log score of an episode. On trained agents the tail of beta_n told less: it asks only
       whether the latents fit together. An episode more regular than expected scores low and raises no alarm.
 
     All random numbers come from ``seed``; torch's own state is as it was before. Needs the ``plots`` extra, for SciPy.

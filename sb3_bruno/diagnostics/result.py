@@ -34,7 +34,7 @@ class Diagnostics:
             ``(n_tasks, n_episodes, n_scales)``; there is a scale per latent dimension, or one that all share. None if
             the encoder measures no distance.
         outside_tasks: tasks that the agent should not know, ``(n_outside, task_dim)``, or None.
-        outside_log_scores: those in episodes of the outside tasks, ``(n_outside, n_episodes, outside_horizon)``, or None.
+        outside_log_scores: those of the outside tasks, ``(n_outside, n_episodes, outside_horizon)``, or None.
 
     Raises:
         ValueError: if only one of ``outside_tasks`` and ``outside_log_scores`` is None.
@@ -88,7 +88,7 @@ class Diagnostics:
         return shares
 
     def scores(self) -> Floats:
-        """Score how strange each episode is: minus its mean log score, nats per transition, ``(n_tasks, n_episodes)``."""
+        """Score how strange each episode is: minus its mean log score in nats, ``(n_tasks, n_episodes)``."""
         return _scores(self.log_scores)
 
     def outside_scores(self) -> Floats:
@@ -98,7 +98,9 @@ class Diagnostics:
             ValueError: if there are no outside episodes.
         """
         if self.outside_log_scores is None:
-            raise ValueError("outside_log_scores is None, so there is nothing to score: pass outside_tasks to diagnose.")
+            raise ValueError(
+                "outside_log_scores is None, so there is nothing to score: pass outside_tasks to diagnose."
+            )
         return _scores(self.outside_log_scores)
 
     def auroc(self) -> float:
@@ -149,8 +151,8 @@ class Diagnostics:
             mean, worst = numbers["distance_ks"], numbers["distance_ks_worst"]
             lines.append(f"sets of transitions: KS distance {mean:.3f}, worst {worst:.3f}")
         lines += [
-            f"log score {numbers['log_score']:.3f} nats per transition: {numbers['log_score_first_step']:.3f} at first, "
-            f"{numbers['log_score_second_half']:.3f} in the second half",
+            f"log score {numbers['log_score']:.3f} nats per transition: {numbers['log_score_first_step']:.3f} "
+            f"at first, {numbers['log_score_second_half']:.3f} in the second half",
         ]
         if self.outside_tasks is not None:
             lines.append(f"outside tasks: {len(self.outside_tasks)}, told from these with AUROC {numbers['auroc']:.3f}")

@@ -120,8 +120,8 @@ class BrunoEncoder(TaskEncoder[Any]):
         one_flow = process in EXCHANGEABLE and modelled == "both"
         if one_flow and condition_on_next:
             raise ValueError(
-                f"`condition_on_next=True` with `modelled='both'` needs a process with a kernel, got {process!r}: one flow "
-                "maps rewards and next observations together. Leave it out."
+                f"`condition_on_next=True` with `modelled='both'` needs a process with a kernel, got {process!r}: one "
+                "flow maps rewards and next observations together. Leave it out."
             )
         condition_on_next = not one_flow if condition_on_next is None else condition_on_next
         variables = Variables(observation_dim, action_dim, modelled, condition_on_next)
@@ -179,7 +179,8 @@ class BrunoEncoder(TaskEncoder[Any]):
     def belief(self, memory: Any) -> Tensor:
         mean, var = self.process.posterior_moments(memory)
         if self._belief == "mean":
-            return mean
+            belief: Tensor = mean
+            return belief
         return th.cat([mean, var if self._belief == "mean_var" else var.sqrt()], dim=-1)
 
     def log_bayes_factor(self, memory: Any, transitions: Transitions) -> Tensor:
@@ -196,7 +197,8 @@ class BrunoEncoder(TaskEncoder[Any]):
         """
         if self.task_map is None:
             raise ValueError("The encoder knows no tasks: use a process with a kernel, and make it by `build`.")
-        return self.task_map.log_likelihood(self.process, memory, tasks)
+        scores: Tensor = self.task_map.log_likelihood(self.process, memory, tasks)
+        return scores
 
     def loss(self, sequences: TaskSequences) -> Loss:
         """Minus the ``bound``, and minus the score of the true tasks, which teaches the map from tasks alone.

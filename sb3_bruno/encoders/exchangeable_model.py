@@ -54,6 +54,6 @@ class ExchangeableModel(LatentModel):
         y = self.flow.inverse(self.process.sample(memory, n_samples), x.expand(n_samples, *x.shape))
         rewards, changes, _ = y.split([variables.reward_dim, variables.change_dim, self.noise_dim], dim=-1)
         return Outcomes(
-            variables.rewards(rewards) if variables.reward_dim else None,
-            transitions.observations + variables.changes(changes) if variables.change_dim else None,
+            variables.rewards.inverse(rewards) if variables.reward_dim else None,
+            transitions.observations + variables.changes.inverse(changes) if variables.change_dim else None,
         )

@@ -26,8 +26,8 @@ class KernelModel(LatentModel):
     a goal is not, and its square is. The features of r see all of x, those of s' - s see (s, a) alone.
 
     Rewards depend on K weights, and next observations on K others. If they shared them, what the networks have not yet
-    learned of next observations, which outnumber the reward and are all but free of noise, would pass for evidence about
-    the task and drown the reward's.
+    learned of next observations, which outnumber the reward and have little noise, would pass for evidence about the
+    task and drown the reward's.
 
     Args:
         variables: read y and x.
@@ -59,11 +59,13 @@ class KernelModel(LatentModel):
 
     def _of_reward(self, x: Tensor) -> Features:
         """Return the features of r, which needs the first K of all weights."""
-        return self.reward_features(x).padded(0, self.latent_dim - self.n_weights)
+        features: Features = self.reward_features(x)
+        return features.padded(0, self.latent_dim - self.n_weights)
 
     def _of_change(self, here: Tensor) -> Features:
         """Return the features of s' - s, which needs the last K of all weights."""
-        return self.change_features(here).padded(self.latent_dim - self.n_weights, 0)
+        features: Features = self.change_features(here)
+        return features.padded(self.latent_dim - self.n_weights, 0)
 
     def see(self, transitions: Transitions, noise: Tensor) -> Seen:
         values, variables = self.variables(transitions), self.variables
@@ -84,7 +86,7 @@ class KernelModel(LatentModel):
         if variables.change_dim:
             features = self._of_change(variables(transitions).here)
             z = process.sample(memory, features, n_samples)
-            arrivals = transitions.observations + variables.changes(z)
+            arrivals = transitions.observations + variables.changes.inverse(z)
             if follows:
                 memory = process.absorb(memory, features, z)
                 expanded = Transitions(*(column.expand(n_samples, *column.shape) for column in transitions))
@@ -93,5 +95,5 @@ class KernelModel(LatentModel):
             check_arrives(not follows or arrivals is not None)
             x = variables(transitions).x
             z = process.sample(memory, self._of_reward(x), 1 if follows else n_samples)
-            rewards = variables.rewards(self.flow.inverse(z.squeeze(0) if follows else z, x))
+            rewards = variables.rewards.inverse(self.flow.inverse(z.squeeze(0) if follows else z, x))
         return Outcomes(rewards, arrivals)

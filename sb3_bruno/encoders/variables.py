@@ -50,9 +50,14 @@ class Variables(nn.Module):
 
     Attributes:
         here_dim: dimension of (s, a).
+        there_dim: dimension of s' in x, else 0.
         x_dim: dimension of x.
         reward_dim: 1 if y holds r, else 0.
         change_dim: dimension of s' - s in y, else 0.
+        here: standardises (s, a).
+        there: standardises s'.
+        rewards: standardises r.
+        changes: standardises s' - s.
     """
 
     def __init__(self, observation_dim: int, action_dim: int, modelled: Modelled, condition_on_next: bool) -> None:
@@ -62,15 +67,15 @@ class Variables(nn.Module):
         self.there_dim = observation_dim if condition_on_next and self.reward_dim else 0
         self.here_dim = observation_dim + action_dim
         self.x_dim = self.here_dim + self.there_dim
-        dims = (self.here_dim, self.there_dim, self.reward_dim, self.change_dim)
-        self.standardize = nn.ModuleDict(
-            {name: Standardize(dim) for name, dim in zip(Values._fields, dims, strict=True)}
-        )
+        self.here = Standardize(self.here_dim)
+        self.there = Standardize(self.there_dim)
+        self.rewards = Standardize(self.reward_dim)
+        self.changes = Standardize(self.change_dim)
 
     def forward(self, transitions: Transitions) -> Values:
         """Read standardised values off transitions (..., dim)."""
-        raw = self._raw(transitions)._asdict()
-        return Values(**{name: standardize(raw[name]) for name, standardize in self.standardize.items()})
+        here, there, rewards, changes = self._raw(transitions)
+        return Values(self.here(here), self.there(there), self.rewards(rewards), self.changes(changes))
 
     def _raw(self, transitions: Transitions) -> Values:
         observations, actions, rewards, arrivals = transitions
@@ -84,17 +89,10 @@ class Variables(nn.Module):
     def update(self, transitions: Transitions, weights: Tensor | None = None) -> None:
         """Move the running statistics towards those of the transitions that count."""
         counted = ... if weights is None else weights > 0
-        for name, column in self._raw(transitions)._asdict().items():
-            self.standardize[name].update(column[counted])
+        statistics = (self.here, self.there, self.rewards, self.changes)
+        for standardize, column in zip(statistics, self._raw(transitions), strict=True):
+            standardize.update(column[counted])
 
     def log_det(self) -> Tensor:
         """Return the log-determinant of the map from y in the env's units to its standardised values, shape ()."""
-        return -th.cat([self.standardize["rewards"].std, self.standardize["changes"].std]).log().sum()
-
-    def rewards(self, standardized: Tensor) -> Tensor:
-        """Return rewards in the env's units, shapes (..., 1)."""
-        return self.standardize["rewards"].inverse(standardized)
-
-    def changes(self, standardized: Tensor) -> Tensor:
-        """Return changes of the observation in the env's units, shapes (..., observation_dim)."""
-        return self.standardize["changes"].inverse(standardized)
+        return -th.cat([self.rewards.std, self.changes.std]).log().sum()

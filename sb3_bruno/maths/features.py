@@ -16,8 +16,8 @@ LEAST_NOISE_VAR = 1e-4
 class FeatureNetwork(nn.Module):
     r"""Creates a network from x to the features :math:`b, \Phi, S` of m values.
 
-    Its activations are smooth: with SiLU, held-out transitions of a point with a hidden goal scored half a nat more than
-    with ReLU, and the goal was known after fewer of them.
+    Its activations are smooth. With SiLU, held-out transitions of a point with a hidden goal scored more than with
+    ReLU, and the goal was known after fewer of them (docs/method.md).
 
     Args:
         context: dimension of x.

@@ -71,9 +71,10 @@ def test_outcomes_come_in_the_envs_own_units(normalize):
     model = make_model(normalize, modelled="both", process="gaussian", condition_on_next=False)
     for parameter in model.encoder.model.flow.parameters():
         parameter.data.zero_()  # the identity
-    for scale in model.encoder.model.variables.standardize.values():
-        scale.mean.zero_()
-        scale.var.fill_(1.0)
+    variables = model.encoder.model.variables
+    for standardize in (variables.rewards, variables.changes):
+        standardize.mean.zero_()
+        standardize.var.fill_(1.0)
     model.encoder.process.log_var.data.zero_()
     belief = model.infer(Transitions(np.zeros((0, 3)), np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 3))))
     outcomes = model.predict_outcomes(belief, np.zeros(3), np.zeros(1), n_samples=20_000)

@@ -84,8 +84,9 @@ def world_of(**encoder_kwargs: Any) -> tuple[BrunoSAC, MakeEnv]:
     assert isinstance(model.encoder, BrunoEncoder)
     encoder_of["world"] = model.encoder
     with th.no_grad():
-        for name in ("rewards", "changes"):  # small steps: where they grow as they lead on, all ends in NaN
-            model.encoder.model.variables.standardize[name].var.fill_(0.01)
+        variables = model.encoder.model.variables
+        for standardize in (variables.rewards, variables.changes):
+            standardize.var.fill_(0.01)  # small steps: where they grow as they lead on, all ends in NaN
     th.manual_seed(17)  # of what the world draws, which must not be what the samples are drawn with
     return model, make_env
 

@@ -109,7 +109,7 @@ def test_only_training_moves_the_statistics():
     encoder.train().bound(transitions)
     assert all(th.equal(one, two) for one, two in zip(before, encoder.buffers(), strict=True))
     encoder.loss(sequences)
-    th.testing.assert_close(encoder.model.variables.standardize["rewards"].mean, transitions.rewards.mean(dim=(0, 1)))
+    th.testing.assert_close(encoder.model.variables.rewards.mean, transitions.rewards.mean(dim=(0, 1)))
 
 
 def test_context_is_the_papers_for_a_hundred_transitions(monkeypatch):
