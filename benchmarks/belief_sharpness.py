@@ -18,7 +18,6 @@ from encoder_alone import random_transitions, read_out, updates
 
 from sb3_bruno import BrunoEncoder, TaskReplayBuffer
 from sb3_bruno.encoders.base import map_memory
-from sb3_bruno.maths.flow import FLOWS
 
 CONTEXTS = (1, 3, 10, 40)
 
@@ -44,7 +43,7 @@ def main() -> None:
     parser.add_argument("--transitions", type=int, default=20_000)
     parser.add_argument("--updates", type=int, default=3_000)
     parser.add_argument("--every", type=int, default=500, help="updates between two lines")
-    parser.add_argument("--flow", choices=sorted(FLOWS), default="paper_maf")
+    parser.add_argument("--flow", choices=["paper_maf", "reflected_maf"], default="paper_maf")
     parser.add_argument("--extra-dims", type=int, default=4, help="noise dimensions (the paper: 4)")
     parser.add_argument("--condition-on-next", action="store_true", help="condition on (s, a, s')")
     parser.add_argument("--learning-rate", type=float, default=2e-3)
@@ -61,6 +60,7 @@ def main() -> None:
         flow_class=options.flow,
         extra_dims=options.extra_dims,
         condition_on_next=options.condition_on_next,
+        modelled="rewards",
         process="gaussian",
         objective="paper",
     )

@@ -49,3 +49,17 @@ def read_out(means: NDArray[np.float32], targets: NDArray[Any], n_fit: int) -> N
     weights, *_ = np.linalg.lstsq(inputs[:n_fit], targets[:n_fit])
     predictions: NDArray[np.float64] = inputs[n_fit:] @ weights
     return predictions
+
+
+def explained(means: NDArray[np.float32], targets: NDArray[Any]) -> float:
+    """Measure the share of the targets' variance that a linear read-out explains, each left out of its own.
+
+    Args:
+        means: posterior means, ``(n, latent_dim)``.
+        targets: ``(n, dim)``.
+    """
+    inputs = np.c_[means, np.ones(len(means))].astype(np.float64)
+    ridge = 1e-3 * np.eye(inputs.shape[1])
+    hat = inputs @ np.linalg.solve(inputs.T @ inputs + ridge, inputs.T)
+    errors = (targets - hat @ targets) / (1 - np.diag(hat))[:, None]
+    return float(1 - (errors**2).sum() / ((targets - targets.mean(axis=0)) ** 2).sum())

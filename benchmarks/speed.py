@@ -29,7 +29,7 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.env_util import make_vec_env
 from zuko.flows import MAF
 
-from sb3_bruno import BrunoEncoder, BrunoSAC, TaskReplayBuffer
+from sb3_bruno import BrunoEncoder, BrunoSAC, TaskReplayBuffer, Transitions
 from sb3_bruno.buffers.extended_obs import ExtendedObs
 from sb3_bruno.evaluation import library_versions
 from sb3_bruno.maths.flow import ConditionalFlow
@@ -38,6 +38,8 @@ ENV_ID = "sb3_bruno_envs:CheetahDir-v0"
 NETS = {"2 x 256": [256, 256], "2 x 128": [128, 128], "the paper's": {"pi": [128, 128], "qf": [128]}}
 OBSERVATION_DIM, ACTION_DIM = 17, 6
 CONFIGS = yaml.safe_load((Path(__file__).parents[1] / "zoo_configs" / "bruno_sac.yml").read_text(encoding="utf-8"))
+PAPER_CONFIGS = Path(__file__).parents[1] / "zoo_configs" / "paper" / "bruno_sac.yml"
+PAPERS = yaml.safe_load(PAPER_CONFIGS.read_text(encoding="utf-8"))["CheetahDir-v0"]
 CHEETAH = {key: CONFIGS["CheetahDir-v0"][key] for key in ("encoder_kwargs", "encoder_update_ratio")}
 Seconds = dict[str, list[float]]
 
@@ -90,7 +92,7 @@ def plain(n_envs: int = 10, **kwargs: Any) -> SAC:
 def encoder_updates(rounds: int) -> tuple[list[Row], Seconds]:
     """Time an encoder update on 10 x 100 transitions, sampling and optimiser included, beside zuko's flow alone."""
     kwargs: dict[str, Any] = {"encoder_batch_size": 10, "replay_buffer_kwargs": {"sequence_length": 100}}
-    papers = trained(encoder_kwargs={"process": "gaussian", "objective": "paper"}, **kwargs)
+    papers = trained(encoder_kwargs=PAPERS["encoder_kwargs"], **kwargs)
     ours = trained(**kwargs)
     y, x = th.randn(10, 100, 5), th.randn(10, 100, OBSERVATION_DIM + ACTION_DIM)
     zukos = ConditionalFlow(5, OBSERVATION_DIM + ACTION_DIM, MAF, {"transforms": 6, "hidden_features": (128,)})
@@ -203,20 +205,26 @@ def sampling(rounds: int) -> tuple[list[Row], Seconds]:
     return [row(f"sample of 256, {name}", seconds, name, "2 tasks", "flat") for name in buffers], seconds
 
 
+def random_history(time: int) -> Transitions:
+    """Draw one sequence of standard normal transitions."""
+    dims = (OBSERVATION_DIM, ACTION_DIM, 1, OBSERVATION_DIM)
+    return Transitions(*(th.randn(1, time, dim) for dim in dims))
+
+
 def growth(rounds: int) -> tuple[list[Row], Seconds]:
-    """Time all beliefs of a history by its length, and an encoder update by the latent dimensions."""
+    """Time all beliefs of a history by its length, and an encoder update by the number of weights."""
     encoder = BrunoEncoder(OBSERVATION_DIM, ACTION_DIM).eval()
 
-    def prefixes(z: th.Tensor) -> None:
+    def prefixes(history: Transitions) -> None:
         with th.no_grad():
-            encoder.belief(encoder.process.prefixes(z))
+            encoder.belief(encoder.prefixes(history))
 
-    histories = {f"{time:,} steps": th.randn(1, time, encoder.latent_dim) for time in (100, 1_000, 10_000)}
-    lengths = race({name: partial(prefixes, z) for name, z in histories.items()}, rounds, 20)
+    histories = {f"{time:,} steps": random_history(time) for time in (100, 1_000, 10_000)}
+    lengths = race({name: partial(prefixes, history) for name, history in histories.items()}, rounds, 20)
     rows = [row(f"all beliefs of {name}", lengths, name, "100 steps", "linear") for name in lengths]
-    models = {f"{1 + n} latents": trained(encoder_kwargs={"extra_dims": n}) for n in (0, 1, 4, 17)}
+    models = {f"{n} weights": trained(encoder_kwargs={"n_weights": n}) for n in (4, 8, 16, 32)}
     dims = race({name: model._update_encoder for name, model in models.items()}, rounds, 5)
-    return rows + [row(f"encoder update, {name}", dims, name, "5 latents") for name in dims], lengths | dims
+    return rows + [row(f"encoder update, {name}", dims, name, "8 weights") for name in dims], lengths | dims
 
 
 def memory() -> Row:

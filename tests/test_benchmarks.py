@@ -32,7 +32,7 @@ def test_belief_sharpness_prints_shares_of_both_sets():
 
 def test_belief_choices_writes_a_row_for_every_choice(tmp_path):
     short = ["--transitions", "2000", "--updates", "2", "--seeds", "1", "2", "--out", str(tmp_path)]
-    run("belief_choices.py", *short)
+    run("belief_choices.py", *short, "--families", "PointGoal-v0", "PointRotation-v0")
     runs = json.loads((tmp_path / "belief_choices.json").read_text())["runs"]
-    assert len(runs) == 2 * 3 * 3 * 2
-    assert (tmp_path / "belief_choices.md").read_text().count("| shared_student_t |") == 6
+    assert len(runs) == 2 * 8 * 2
+    assert (tmp_path / "belief_choices.md").read_text().count("| kernel_student_t |") == 2

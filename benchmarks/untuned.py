@@ -1,0 +1,193 @@
+"""Train BrunoSAC with the library's defaults, and an oracle, on environments that nobody tuned them for.
+
+    python benchmarks/untuned.py --out docs/results
+
+The encoder and the buffer have their defaults, and the actor-critic has the same settings everywhere. Each agent is
+tested on 20 tasks that it was not trained on: its return, its last reward (minus a distance in three of the
+environments), how much of the task a linear read-out of the belief explains after 20 of its own transitions, each
+episode left out of its own read-out, and the steps until its rewards are as good as they get. A run that is already in
+the JSON file of ``--out`` is not made again.
+
+FetchReach needs gymnasium-robotics, which needs a MuJoCo older than this package's tests do: install it in an
+environment of its own, and name it by ``--families``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch as th
+from encoder_alone import explained
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+from stable_baselines3 import SAC
+from stable_baselines3.common.env_util import make_vec_env
+
+from sb3_bruno import BrunoSAC, Transitions
+from sb3_bruno.evaluation import AdaptationResult, library_versions
+from sb3_bruno.evaluation.episodes import Episode, pad_episodes, play_episodes
+from sb3_bruno_envs import MetaTask, TaskObservation, TaskSet, TransitionObservation
+
+N_ENVS, N_EPISODES, N_SEEN = 8, 3, 20
+SETTINGS: dict[str, Any] = {
+    "learning_rate": 1e-3,
+    "learning_starts": 800,
+    "gradient_steps": 4,  # for the steps of eight environments
+    "gamma": 0.95,
+}
+Rows = dict[str, dict[str, float]]
+OBSERVED = {"BrunoSAC": TransitionObservation, "oracle": TaskObservation}
+
+
+def registered(env_id: str, agent: str, split: str) -> gym.Env[Any, Any]:
+    """Make one of this package's environments."""
+    return gym.make(f"sb3_bruno_envs:{env_id}", split=split, observe="task" if agent == "oracle" else "transition")
+
+
+def pendulum_gravity(agent: str, split: str) -> gym.Env[Any, Any]:
+    """Hide the gravity of Gymnasium's Pendulum, from 5 to 15 m/s^2."""
+    train = np.linspace(5.0, 15.0, 41)
+    tasks = TaskSet(train[:, None], (train[:-1] + train[1:])[::2, None] / 2)
+
+    def set_gravity(pendulum: Any, task: NDArray[np.float32]) -> None:
+        pendulum.g = float(task[0])
+
+    env: Any = OBSERVED[agent](MetaTask(gym.make("Pendulum-v1"), set_gravity, tasks, split=split))
+    return env
+
+
+class HiddenGoal(gym.Wrapper[Any, Any, Any, Any]):
+    """Puts FetchReach's goal where the task says, relative to where the gripper starts, and shows the arm alone."""
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self.observation_space = env.observation_space["observation"]
+        self.offset = np.zeros(3)
+
+    @property
+    def unwrapped(self) -> Any:
+        return self  # so that the task is set here, and the goal after the reset, which draws one
+
+    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
+        observation, info = self.env.reset(**kwargs)
+        fetch: Any = self.env.unwrapped
+        fetch.goal = fetch.initial_gripper_xpos[:3] + self.offset
+        return observation["observation"], info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        observation, *rest = self.env.step(action)
+        return observation["observation"], *rest
+
+
+def fetch_reach(agent: str, split: str) -> gym.Env[Any, Any]:
+    """Hide the goal of gymnasium-robotics' FetchReach, with its dense reward."""
+    import gymnasium_robotics
+
+    gym.register_envs(gymnasium_robotics)
+    offsets = np.random.RandomState(1337).uniform(-0.15, 0.15, (120, 3))  # m, as FetchReach draws it
+    tasks = TaskSet(offsets[:100], offsets[100:], space=Box(-0.15, 0.15, (3,)))
+
+    def set_goal(fetch: Any, task: NDArray[np.float32]) -> None:
+        fetch.offset = np.array(task, dtype=np.float64)
+
+    bare = HiddenGoal(gym.make("FetchReachDense-v4"))
+    env: Any = OBSERVED[agent](MetaTask(bare, set_goal, tasks, split=split))
+    return env
+
+
+FAMILIES: dict[str, Callable[[str, str], gym.Env[Any, Any]]] = {
+    "PointGoal-v0": partial(registered, "PointGoal-v0"),
+    "PointRotation-v0": partial(registered, "PointRotation-v0"),
+    "Pendulum-v1, gravity hidden": pendulum_gravity,
+    "FetchReachDense-v4, goal hidden": fetch_reach,
+}
+
+
+def run(family: str, agent: str, seed: int, n_timesteps: int) -> dict[str, float]:
+    """Train an agent and test it on tasks that it was not trained on."""
+    make = partial(FAMILIES[family], agent)
+    env = make_vec_env(lambda: make("train"), N_ENVS, seed=seed)
+    algorithm = BrunoSAC if agent == "BrunoSAC" else SAC
+    model = algorithm("MlpPolicy", env, seed=seed, device="cpu", **SETTINGS).learn(n_timesteps)
+    tasks = make("test").get_wrapper_attr("task_distribution").tasks("test")
+    episodes = play_episodes(model, lambda: make("test"), tasks, n_episodes=N_EPISODES, seed=10_000)
+    rewards = np.stack([pad_episodes([episode.rewards for episode in of_task]) for of_task in episodes])
+    found = {
+        "return": float(rewards.sum(axis=-1).mean()),
+        "last reward": float(rewards[..., -1].mean()),
+        "steps": float(np.median(AdaptationResult(tasks, rewards).steps_to_steady(window=1))),
+    }
+    if isinstance(model, BrunoSAC):
+        means = [_belief(model, episode) for of_task in episodes for episode in of_task]
+        found["explained"] = explained(np.stack(means), np.repeat(tasks, N_EPISODES, axis=0))
+    return found
+
+
+def _belief(model: BrunoSAC, episode: Episode) -> NDArray[np.float32]:
+    """Compute the belief's mean after the first transitions of an episode, (latent_dim,)."""
+    columns = (episode.observations, episode.actions, episode.rewards[:, None], episode.next_observations)
+    return model.infer(Transitions(*(column[:N_SEEN] for column in columns))).mean
+
+
+def table(runs: dict[str, Rows]) -> list[str]:
+    """Write a row for each family and agent: medians, and the seeds' last rewards."""
+    lines = [
+        f"| environment | agent | return | last reward | by seed | explained after {N_SEEN} | steps |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, by_seed in runs.items():
+        median = {
+            key: float(np.median([row[key] for row in by_seed.values() if key in row] or [np.nan]))
+            for key in ("return", "last reward", "explained", "steps")
+        }
+        each = ", ".join(f"{row['last reward']:.3f}" for row in by_seed.values())
+        known = "" if np.isnan(median["explained"]) else f"{median['explained']:.3f}"
+        lines.append(
+            f"| {name.replace(' / ', ' | ')} | {median['return']:.1f} | {median['last reward']:.3f} | {each} | {known} "
+            f"| {median['steps']:.0f} |"
+        )
+    return lines
+
+
+def main() -> None:
+    """Parse the command line, and make the runs that are missing."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--steps", type=int, default=20_000, help="of training, over all environments")
+    parser.add_argument("--families", nargs="+", default=list(FAMILIES)[:3], choices=list(FAMILIES), metavar="NAME")
+    parser.add_argument("--agents", nargs="+", default=list(OBSERVED), choices=list(OBSERVED))
+    parser.add_argument("--out", type=Path, help="folder for untuned.json and .md")
+    options = parser.parse_args()
+    th.set_num_threads(1)
+    path = None if options.out is None else options.out / "untuned.json"
+    runs: dict[str, Rows] = {}
+    if path is not None and path.is_file():
+        runs = json.loads(path.read_text())["runs"]
+    about = {"command": shlex.join(["python", *sys.argv]), "steps": options.steps, "versions": library_versions()}
+    for seed in options.seeds:
+        for family in options.families:
+            for agent in options.agents:
+                by_seed = runs.setdefault(f"{family} / {agent}", {})
+                if str(seed) not in by_seed:
+                    by_seed[str(seed)] = run(family, agent, seed, options.steps)
+                    print(f"{family}, {agent}, seed {seed}: {by_seed[str(seed)]}", flush=True)
+                if path is not None:
+                    path.write_text(json.dumps({**about, "runs": runs}, indent=1) + "\n")
+    lines = table(runs)
+    print("\n".join(lines))
+    if path is not None:
+        made_by = f"\n\nMedians after {options.steps:,} steps. Made by `{about['command']}`, {about['versions']}.\n"
+        path.with_suffix(".md").write_text("\n".join(lines) + made_by)
+
+
+if __name__ == "__main__":
+    main()
