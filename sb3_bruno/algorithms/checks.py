@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import warnings
 from collections.abc import Mapping
 from typing import Any
@@ -44,14 +45,18 @@ def check_algorithm(model: OffPolicyAlgorithm) -> None:
 
 
 def check_encoder_arguments(encoder_class: type[TaskEncoder], encoder_kwargs: Mapping[str, Any] | None) -> None:
-    """Refuse names that the encoder does not take.
+    """Refuse names that the encoder does not take: neither its ``build`` nor, where that passes on, its constructor.
 
     Raises:
         ValueError: naming the nearest right name.
     """
-    builder = next(vars(kind)["build"] for kind in encoder_class.__mro__ if "build" in vars(kind))
-    takes = encoder_class if builder is vars(TaskEncoder)["build"] else encoder_class.build
-    check_names("encoder_kwargs", encoder_kwargs, takes, {"observation_dim", "action_dim", "task_dim"})
+    filled = {"observation_dim", "action_dim", "task_dim"}
+    parameters = inspect.signature(encoder_class.build).parameters
+    if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
+        check_names("encoder_kwargs", encoder_kwargs, encoder_class.build, filled)
+        return
+    passed_on = {name: value for name, value in (encoder_kwargs or {}).items() if name not in set(parameters) - filled}
+    check_names("encoder_kwargs", passed_on, encoder_class, filled)
 
 
 def check_encoder_updates(encoder: TaskEncoder, updates: Mapping[str, float | None]) -> None:

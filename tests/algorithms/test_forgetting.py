@@ -14,7 +14,7 @@ class Bare(BrunoEncoder):
     """The rewards are the latents: z = r."""
 
     def __init__(self):
-        super().__init__(1, 1, process="gaussian")
+        super().__init__(1, 1, modelled="rewards", process="gaussian")
         with th.no_grad():
             self.process.correlation_logit.fill_(3.0)  # v = 1, theta has a variance of 0.95
 
