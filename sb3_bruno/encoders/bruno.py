@@ -208,17 +208,17 @@ class BrunoEncoder(TaskEncoder[Any]):
         transitions, tasks, weights = sequences
         if self.training:
             self.model.variables.update(transitions, weights)
-        bound = self.bound(transitions, weights)
+        seen = self.see(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
+        weights = th.ones_like(seen.log_det) if weights is None else weights
+        statistics = self.process.statistics(*seen.given, seen.z, weights)
+        bound = self._bound(seen, statistics, weights)
         if self.task_map is None:
             return Loss(-bound, {"bound_nats": bound.detach()})
         if self.training:
             self.task_map.standardize.update(tasks)
-        with th.no_grad():
-            given, z, log_det = self.see(transitions)
-            statistics = self.process.statistics(*given, z, weights)
-            weights = th.ones_like(log_det) if weights is None else weights
-        scores = self.task_map.log_likelihood(self.process, statistics, tasks.unsqueeze(-2)).squeeze(-1)
-        told = (scores.sum() + (weights * log_det).sum()) / weights.sum()
+        known = map_memory(Tensor.detach, statistics)
+        log_z = self.task_map.log_likelihood(self.process, known, tasks.unsqueeze(-2)).squeeze(-1)
+        told = (log_z.sum() + (weights * seen.log_det.detach()).sum()) / weights.sum()
         return Loss(-bound - told, {"bound_nats": bound.detach(), "task_nats": told.detach()})
 
     def bound(self, transitions: Transitions, weights: Tensor | None = None) -> Tensor:
@@ -244,11 +244,15 @@ class BrunoEncoder(TaskEncoder[Any]):
         Raises:
             ValueError: if the sequences are shorter than ``shortest_sequence``.
         """
-        given, z, log_det = self.see(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
-        weights = th.ones_like(log_det) if weights is None else weights
+        seen = self.see(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
+        weights = th.ones_like(seen.log_det) if weights is None else weights
+        return self._bound(seen, self.process.statistics(*seen.given, seen.z, weights), weights)
+
+    def _bound(self, seen: Seen, statistics: Any, weights: Tensor) -> Tensor:
+        """Bound by the objective; ``statistics`` are those of whole sequences."""
+        given, z, log_det = seen
         if self._objective == "prequential":
-            evidence = self.process.log_evidence(self.process.statistics(*given, z, weights))
-            score = evidence.sum() + (weights * log_det).sum()
+            score = self.process.log_evidence(statistics).sum() + (weights * log_det).sum()
         else:
             time = log_det.shape[-1]
             if time < self.shortest_sequence:
@@ -260,7 +264,8 @@ class BrunoEncoder(TaskEncoder[Any]):
                 weights = weights * (1 - known)
             log_z = self.process.log_predictive(map_memory(lambda x: x.unsqueeze(-2), context), *given, z)
             score = (weights * (log_z + log_det)).sum()
-        return score / weights.sum() + self.model.noise_dim * NOISE_ENTROPY
+        bound: Tensor = score / weights.sum() + self.model.noise_dim * NOISE_ENTROPY
+        return bound
 
     def one_step_scores(self, transitions: Transitions, weights: Tensor | None = None) -> Tensor:
         """Score every transition given those before it, in nats: (..., time, dim) -> (..., time)"""
