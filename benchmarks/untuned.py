@@ -158,6 +158,12 @@ def table(runs: dict[str, Rows]) -> list[str]:
     return lines
 
 
+def known(path: Path | None) -> dict[str, Rows]:
+    """Read the runs that were made before."""
+    runs: dict[str, Rows] = json.loads(path.read_text())["runs"] if path is not None and path.is_file() else {}
+    return runs
+
+
 def main() -> None:
     """Parse the command line, and make the runs that are missing."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
@@ -169,9 +175,7 @@ def main() -> None:
     options = parser.parse_args()
     th.set_num_threads(1)
     path = None if options.out is None else options.out / "untuned.json"
-    runs: dict[str, Rows] = {}
-    if path is not None and path.is_file():
-        runs = json.loads(path.read_text())["runs"]
+    runs = known(path)
     about = {"command": shlex.join(["python", *sys.argv]), "steps": options.steps, "versions": library_versions()}
     for seed in options.seeds:
         for family in options.families:
@@ -181,6 +185,8 @@ def main() -> None:
                     by_seed[str(seed)] = run(family, agent, seed, options.steps)
                     print(f"{family}, {agent}, seed {seed}: {by_seed[str(seed)]}", flush=True)
                 if path is not None:
+                    for name, others in known(path).items():  # another process may have made some meanwhile
+                        runs[name] = others | runs.get(name, {})
                     path.write_text(json.dumps({**about, "runs": runs}, indent=1) + "\n")
     lines = table(runs)
     print("\n".join(lines))

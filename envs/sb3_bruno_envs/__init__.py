@@ -3,6 +3,8 @@
 from sb3_bruno_envs.checker import check_meta_env
 from sb3_bruno_envs.classic.cartpole import CARTPOLE_TASKS, CartpoleSwingUpEnv
 from sb3_bruno_envs.classic.point_dir import POINT_DIR_TASKS, PointDirEnv
+from sb3_bruno_envs.classic.point_goal import PointGoalEnv, point_goal_tasks
+from sb3_bruno_envs.classic.point_rotation import POINT_ROTATION_TASKS, PointRotationEnv
 from sb3_bruno_envs.classic.sparse_point_goal import SPARSE_POINT_GOAL_TASKS, SparsePointGoalEnv
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.mujoco.cheetah_params import CHEETAH_PARAMS_TASKS, CheetahParamsEnv
@@ -26,6 +28,7 @@ __all__ = [
     "CHEETAH_PARAMS_TASKS",
     "CHEETAH_VEL_TASKS",
     "POINT_DIR_TASKS",
+    "POINT_ROTATION_TASKS",
     "SPARSE_POINT_GOAL_TASKS",
     "CartpoleSwingUpEnv",
     "CheetahDirEnv",
@@ -36,6 +39,8 @@ __all__ = [
     "MetaHalfCheetahEnv",
     "MetaTask",
     "PointDirEnv",
+    "PointGoalEnv",
+    "PointRotationEnv",
     "SparsePointGoalEnv",
     "TaskObservation",
     "TaskSampler",
@@ -44,6 +49,7 @@ __all__ = [
     "Trial",
     "as_task_distribution",
     "check_meta_env",
+    "point_goal_tasks",
     "register_family",
 ]
 

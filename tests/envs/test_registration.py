@@ -30,6 +30,8 @@ STEPS = {  # per episode
     "CartpoleSwingUp-v0": 200,
     "CheetahParams-v0": 200,
     "PointDir-v0": 30,
+    "PointGoal-v0": 50,
+    "PointRotation-v0": 50,
     "SparsePointGoal-v0": 60,
 }
 TRIALS = ["SparsePointGoal-v0"]  # which end by themselves, after several inner episodes

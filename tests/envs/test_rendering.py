@@ -13,6 +13,8 @@ import sb3_bruno_envs  # noqa: F401  # registers the ids
     "env_id",
     [
         "PointDir-v0",
+        "PointGoal-v0",
+        "PointRotation-v0",
         "CartpoleSwingUp-v0",
         "SparsePointGoal-v0",
         pytest.param("CheetahDir-v0", marks=pytest.mark.mujoco),
