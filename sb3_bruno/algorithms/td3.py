@@ -13,7 +13,7 @@ from sb3_bruno.algorithms.arguments import EncoderArguments, TD3Arguments, takes
 from sb3_bruno.algorithms.policies import POLICY_NAMES, TaskInferencePolicy
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders import TaskEncoder
-from sb3_bruno.encoders.bruno import BrunoArguments
+from sb3_bruno.encoders.bruno_arguments import BrunoArguments
 from sb3_bruno.encoders.recurrent import RecurrentArguments
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, Literal, Self, TypedDict, get_args
+from typing import Any, ClassVar, Self
 
 import torch as th
 from torch import Tensor
@@ -19,6 +19,7 @@ from zuko.lazy import Flow
 
 from sb3_bruno.encoders.abilities import Outcomes
 from sb3_bruno.encoders.base import Loss, TaskEncoder, TaskSequences, Transitions, map_memory
+from sb3_bruno.encoders.bruno_arguments import BeliefForm, Objective, ProcessName, check_choices
 from sb3_bruno.encoders.exchangeable_model import ExchangeableModel
 from sb3_bruno.encoders.kernel_model import KernelModel
 from sb3_bruno.encoders.latents import LatentModel, Seen
@@ -29,25 +30,6 @@ from sb3_bruno.maths.processes import EXCHANGEABLE, KERNEL
 
 NOISE_ENTROPY = 0.5 * math.log(2 * math.pi * math.e)
 """Entropy of one standard normal noise dimension, in nats."""
-
-ProcessName = Literal["kernel", "kernel_student_t", "gaussian"]
-Objective = Literal["paper", "holdout", "prequential"]
-BeliefForm = Literal["mean", "mean_std", "mean_var"]
-
-
-class BrunoArguments(TypedDict, total=False):
-    """The ``encoder_kwargs`` of ``BrunoEncoder``."""
-
-    modelled: Modelled
-    condition_on_next: bool | None
-    process: ProcessName
-    n_weights: int
-    net_arch: Sequence[int]
-    extra_dims: int
-    flow_class: str | Callable[..., Flow] | None
-    flow_kwargs: dict[str, Any] | None
-    objective: Objective
-    belief: BeliefForm
 
 
 class BrunoEncoder(TaskEncoder[Any]):
@@ -103,14 +85,7 @@ class BrunoEncoder(TaskEncoder[Any]):
         belief: BeliefForm = "mean",
     ) -> None:
         super().__init__()
-        for name, value, known in (
-            ("modelled", modelled, get_args(Modelled)),
-            ("process", process, get_args(ProcessName)),
-            ("objective", objective, get_args(Objective)),
-            ("belief", belief, get_args(BeliefForm)),
-        ):
-            if value not in known:
-                raise ValueError(f"`{name}` must be one of {', '.join(map(repr, known))}, got {value!r}.")
+        check_choices(modelled=modelled, process=process, objective=objective, belief=belief)
         if extra_dims < 0:
             raise ValueError(f"`extra_dims` must not be negative, got {extra_dims}.")
         if extra_dims and process != "gaussian":
@@ -301,6 +276,3 @@ class BrunoEncoder(TaskEncoder[Any]):
         there = observations if next_observations is None else next_observations
         transitions = Transitions(observations, actions, observations.new_zeros(*observations.shape[:-1], 1), there)
         return self.model.outcomes(memory, transitions, arrives, n_samples)
-
-    def diagnostics(self) -> dict[str, Tensor]:
-        return {}

@@ -18,7 +18,7 @@ from sb3_bruno.encoders import (
     find_encoder,
 )
 from sb3_bruno.encoders.base import map_memory
-from sb3_bruno.encoders.bruno import BrunoArguments
+from sb3_bruno.encoders.bruno_arguments import BrunoArguments
 from sb3_bruno.encoders.recurrent import RecurrentArguments
 from support.small_encoder import SMALL, transitions_of
 
