@@ -46,6 +46,6 @@ class TaskMap(nn.Module):
             tasks: ``(..., n, task_dim)``.
 
         Returns:
-            ``(..., n)``.
+            ``(..., n)``, in float64.
         """
         return process.log_evidence_under(statistics, self.psi(self.standardize(tasks)), self.log_slack.exp())

@@ -187,7 +187,7 @@ class KernelGaussian(nn.Module):
             var: ``(K,)``, the same for all of them.
 
         Returns:
-            ``(..., n_priors)``.
+            ``(..., n_priors)``, in float64: what tells one prior from another is a small part of it.
         """
         gram, eta, energy = self._sums(statistics.sums)
         prior_precision = 1 / var.double()
@@ -197,7 +197,7 @@ class KernelGaussian(nn.Module):
         q = energy + (pulls * mean).sum(dim=-1) - whitened.square().sum(dim=-1)
         log_volume = statistics.sums[..., -2:-1] + log_det(factor) - prior_precision.log().sum()
         zero, n_values = th.zeros_like(energy), statistics.sums[..., -1:]
-        return self._result(self._log_density(zero, zero, n_values, q.clamp(min=0), log_volume))
+        return self._log_density(zero, zero, n_values, q.clamp(min=0), log_volume)
 
     def _sums(self, sums: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return Lambda - I, ``(..., K, K)``, eta, ``(..., K)``, and the sum of |z - b|^2 / S, ``(..., 1)``."""

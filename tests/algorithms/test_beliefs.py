@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import zuko
+from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_bruno import BrunoSAC, Transitions
@@ -98,3 +99,29 @@ def test_an_array_of_a_wrong_shape_is_named(name, shape):
     named = "actions" if name == "rewards" else name  # the rewards' shape is taken as that of all
     with pytest.raises(ValueError, match=rf"`{named}` has shape .*, expected .*: rewards are \(\.\.\., 1\)"):
         make_model(False).infer(right._replace(**{name: np.zeros(shape)}))
+
+
+def test_candidate_tasks_are_probable_as_their_likelihood_and_their_prior_say():
+    env = make_vec_env("sb3_bruno_envs:PointDir-v0", 2, seed=0)
+    model = BrunoSAC("MlpPolicy", env, seed=0, learning_starts=50, policy_kwargs={"net_arch": [16]}).learn(80)
+    rng = np.random.default_rng(0)
+    sets = Transitions(*(rng.normal(size=(3, 6, dim)) for dim in (2, 2, 1, 2)))
+    belief, candidates = model.infer(sets), rng.uniform(-1, 1, size=(5, 2))
+    found = model.task_probabilities(belief, candidates)
+    assert found.shape == (3, 5)
+    np.testing.assert_allclose(found.sum(axis=-1), 1, rtol=1e-6)
+    log_prior = rng.normal(size=5)
+    weighted = found * np.exp(log_prior)
+    expected = weighted / weighted.sum(axis=-1, keepdims=True)
+    np.testing.assert_allclose(model.task_probabilities(belief, candidates, log_prior), expected, rtol=1e-4)
+    nothing = model.infer(Transitions(*(column[0, :0] for column in sets)))
+    np.testing.assert_allclose(model.task_probabilities(nothing, candidates), 0.2, rtol=1e-5)
+    for bad, named in (
+        ({"tasks": candidates[:, :1]}, r"`tasks` has shape \(5, 1\): give candidates, \(5, 2\)"),
+        (
+            {"tasks": candidates, "log_prior": np.zeros(4)},
+            r"`log_prior` has shape \(4,\): give one for each task, \(5,\)",
+        ),
+    ):
+        with pytest.raises(ValueError, match=named):
+            model.task_probabilities(belief, **bad)
