@@ -15,7 +15,7 @@ from support.tiny_models import (
     LSTM,
     POINT,
     RECURRENT,
-    TINY_FLOW,
+    TINY_BRUNO,
     assert_carries,
     assert_same,
     for_each,
@@ -74,7 +74,7 @@ def test_a_recurrent_model_keeps_its_encoder_options_when_loaded(algorithm, make
 @for_each(BRUNO)
 def test_load_does_not_ignore_how_the_encoder_is_to_be_built(algorithm, make_model, tmp_path):
     make_model(critic_input="both").save(tmp_path / "model")
-    algorithm.load(tmp_path / "model", critic_input="both", encoder_kwargs=TINY_FLOW)
+    algorithm.load(tmp_path / "model", critic_input="both", encoder_kwargs=TINY_BRUNO)
     with pytest.raises(ValueError, match="`critic_input='task'` is not what the model was saved with, 'both'"):
         algorithm.load(tmp_path / "model", critic_input="task")
     with pytest.raises(ValueError, match=r"`encoder_kwargs=\{'n_weights': 2\}` is not what"):
