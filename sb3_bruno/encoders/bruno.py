@@ -47,7 +47,7 @@ class BrunoEncoder(TaskEncoder[Any]):
             which without a kernel maps rewards and next observations by one flow, if both are modelled.
         process: ``"kernel"``, or ``"kernel_student_t"``, whose belief has a scale that depends on the data;
             ``"gaussian"`` is the paper's, whose covariance does not depend on x.
-        n_weights: K, how many weights describe the task in a process with a kernel. Those not needed fall silent.
+        n_weights: K, how many weights a process with a kernel has for rewards, and how many for next observations.
         net_arch: hidden layers of the networks of a kernel's features.
         extra_dims: noise dimensions that augment y (section 2.2), without a kernel.
         flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``, or names one of
