@@ -63,7 +63,7 @@ class BrunoEncoder(TaskEncoder[Any]):
     """
 
     search_space: ClassVar[Mapping[str, Sequence[Any]]] = {
-        "process": ("kernel", "kernel_student_t"),
+        "process": ("kernel", "kernel_student_t", "gaussian"),
         "n_weights": (4, 8, 16),
         "belief": ("mean", "mean_std"),
     }

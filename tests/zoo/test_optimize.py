@@ -72,11 +72,11 @@ def test_trials_are_judged_on_held_out_training_tasks(tmp_path, monkeypatch):
 
 def test_what_is_drawn_leaves_the_rest_of_a_dict_alone(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    experiment = searching("CartpoleSwingUp-v0")
+    experiment = searching("CheetahParams-v0")
     before = dict(experiment._hyperparams)
     trial = experiment._hyperparams.copy()
     trial.update({"encoder_kwargs": {"n_weights": 3}, "gamma": 0.9})
-    assert trial["encoder_kwargs"] == {"modelled": "both", "n_weights": 3} and trial["gamma"] == 0.9
+    assert trial["encoder_kwargs"] == {"modelled": "next_observations", "n_weights": 3} and trial["gamma"] == 0.9
     assert experiment._hyperparams == before
 
 

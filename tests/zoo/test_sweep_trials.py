@@ -104,9 +104,11 @@ def test_the_space_is_that_of_the_encoder_that_the_config_chooses():
 
 def test_a_value_that_the_encoder_refuses_beside_the_config_is_not_drawn():
     trial = optuna.create_study().ask()
-    SearchSpace(BrunoEncoder, {"modelled": "next_observations"}).sample(trial, 2, 10, {})
-    assert trial.distributions["condition_on_next"].choices == (False,)
-    assert trial.distributions["process"].choices == BrunoEncoder.search_space["process"]
+    SearchSpace(BrunoEncoder, {"process": "gaussian", "flow_class": "paper_maf", "extra_dims": 1}).sample(
+        trial, 2, 10, {}
+    )
+    assert trial.distributions["process"].choices == ("gaussian",)
+    assert trial.distributions["n_weights"].choices == BrunoEncoder.search_space["n_weights"]
 
 
 @pytest.fixture
