@@ -18,7 +18,7 @@ class Seen(NamedTuple):
 
     Attributes:
         given: the features of x, for a process with a kernel; () for one that knows nothing of x.
-        z: latents, (..., latent_dim).
+        z: latents, one for each value that is modelled and for each of the noise, (..., m).
         log_det: log-determinant of the whole map from the env's units to z, (...).
     """
 
@@ -32,16 +32,16 @@ class LatentModel(nn.Module, ABC):
 
     Args:
         variables: read y and x.
-        process: joins the latents of one task.
 
     Attributes:
+        process: joins the latents of one task, one of ``EXCHANGEABLE`` or ``KERNEL``.
+        latent_dim: size of what the process infers: the weights of its kernel, or the paper's theta.
         noise_dim: size of the noise that augments each transition, 0 for none.
-        latent_dim: size of z.
     """
 
-    noise_dim: int = 0
+    process: Any
     latent_dim: int
-    process: Any  # one of ``PROCESSES``
+    noise_dim: int = 0
 
     def __init__(self, variables: Variables) -> None:
         super().__init__()
