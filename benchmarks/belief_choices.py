@@ -5,8 +5,8 @@
 Trains BRUNO on transitions of random actions under the training tasks of a family, with each choice, on the same data
 and with the same number of updates. Tests it on the test tasks: log score of a transition given those before it, in
 nats, over all steps and over those with ten or more before them; and how much of the task's variance a linear read-out
-of the posterior mean explains after some transitions. Prints a row for each choice, median and range over the seeds,
-and saves every number as JSON.
+of the posterior mean, fitted on the training tasks, explains after some transitions. Prints a row for each choice,
+median and range over the seeds, and saves every number as JSON.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import torch as th
-from encoder_alone import random_transitions, read_out, updates
+from encoder_alone import explained, random_transitions, updates
 
 from sb3_bruno import BrunoEncoder, TaskReplayBuffer
 from sb3_bruno.encoders.base import map_memory
@@ -57,21 +57,22 @@ def train(
 
 
 @th.no_grad()
-def test(encoder: BrunoEncoder, buffer: TaskReplayBuffer) -> dict[str, float]:
-    """Measure the log score of a transition and the share of the task's variance explained.
+def test(encoder: BrunoEncoder, seen: TaskReplayBuffer, unseen: TaskReplayBuffer) -> dict[str, float]:
+    """Measure the log score of a transition and the share of the task's variance explained, on unseen tasks.
 
-    Half of the sequences fit the read-out, the other half test it.
+    The read-out is fitted on the seen tasks.
     """
-    slots, tasks = buffer.exchangeable_slots(N_SEQUENCES, buffer.sequence_length)
-    transitions = buffer.transitions(slots)
-    nats = encoder.one_step_scores(transitions).mean(dim=0)
+    drawn = [buffer.exchangeable_slots(N_SEQUENCES, buffer.sequence_length) for buffer in (seen, unseen)]
+    tasks = [of_buffer for _, of_buffer in drawn]
+    transitions = [buffer.transitions(slots) for buffer, (slots, _) in zip((seen, unseen), drawn, strict=True)]
+    nats = encoder.one_step_scores(transitions[1]).mean(dim=0)
     found = {"nats": float(nats.mean()), "nats after 10 or more": float(nats[10:].mean())}
-    prefixes = encoder.prefixes(transitions)
-    half = N_SEQUENCES // 2
+    prefixes = [encoder.prefixes(of_buffer) for of_buffer in transitions]
     for n in CONTEXTS:
-        means = encoder.posterior(map_memory(lambda states, n=n: states[:, n], prefixes)).mean.numpy()
-        errors = read_out(means, tasks, half) - tasks[half:]
-        found[f"explained after {n}"] = float(1 - (errors**2).sum() / ((tasks - tasks.mean(axis=0)) ** 2)[half:].sum())
+        means = [
+            encoder.posterior(map_memory(lambda states, n=n: states[:, n], memory)).mean.numpy() for memory in prefixes
+        ]
+        found[f"explained after {n}"] = explained((means[0], tasks[0]), (means[1], tasks[1]))
     return found
 
 
@@ -108,7 +109,7 @@ def main() -> None:
                 th.manual_seed(seed)
                 kwargs = {**FAMILIES[family], **CHOICES[choice]}
                 encoder = train(kwargs, seen, (observation, action), options.updates, options.learning_rate)
-                tested.append(test(encoder, unseen))
+                tested.append(test(encoder, seen, unseen))
                 runs.append({"family": family, "choice": choice, "seed": seed, **tested[-1]})
             values = ([result[column] for result in tested] for column in columns)
             cells = [f"{np.median(column):.2f} ({min(column):.2f} to {max(column):.2f})" for column in values]

@@ -30,6 +30,8 @@ def updates(
         loss = encoder.train().loss(buffer.sample_sequences(n_sequences))
         optimizer.zero_grad()
         loss.total.backward()
+        if encoder.max_grad_norm is not None:
+            th.nn.utils.clip_grad_norm_(encoder.parameters(), encoder.max_grad_norm)
         optimizer.step()
         yield loss.scalars["bound_nats"].item()
 
@@ -51,15 +53,15 @@ def read_out(means: NDArray[np.float32], targets: NDArray[Any], n_fit: int) -> N
     return predictions
 
 
-def explained(means: NDArray[np.float32], targets: NDArray[Any]) -> float:
-    """Measure the share of the targets' variance that a linear read-out explains, each left out of its own.
+def explained(
+    known: tuple[NDArray[np.float32], NDArray[Any]], tested: tuple[NDArray[np.float32], NDArray[Any]]
+) -> float:
+    """Measure the share of the tasks' variance that a linear read-out of posterior means explains.
 
     Args:
-        means: posterior means, ``(n, latent_dim)``.
-        targets: ``(n, dim)``.
+        known: means ``(n, latent_dim)`` and tasks ``(n, dim)`` that the read-out is fitted on.
+        tested: those of other tasks.
     """
-    inputs = np.c_[means, np.ones(len(means))].astype(np.float64)
-    ridge = 1e-3 * np.eye(inputs.shape[1])
-    hat = inputs @ np.linalg.solve(inputs.T @ inputs + ridge, inputs.T)
-    errors = (targets - hat @ targets) / (1 - np.diag(hat))[:, None]
-    return float(1 - (errors**2).sum() / ((targets - targets.mean(axis=0)) ** 2).sum())
+    means, tasks = (np.concatenate(parts) for parts in zip(known, tested, strict=True))
+    errors = read_out(means, tasks, len(known[0])) - tested[1]
+    return float(1 - (errors**2).sum() / ((tested[1] - tested[1].mean(axis=0)) ** 2).sum())

@@ -4,9 +4,9 @@
 
 The encoder and the buffer have their defaults, and the actor-critic has the same settings everywhere. Each agent is
 tested on 20 tasks that it was not trained on: its return, its last reward (minus a distance in three of the
-environments), how much of the task a linear read-out of the belief explains after 20 of its own transitions, each
-episode left out of its own read-out, and the steps until its rewards are as good as they get. A run that is already in
-the JSON file of ``--out`` is not made again.
+environments), how much of the task a linear read-out of the belief explains after 20 of its own transitions, fitted on
+the training tasks, and the steps until its rewards are as good as they get. A run that is already in the JSON file of
+``--out`` is not made again.
 
 FetchReach needs gymnasium-robotics, which needs a MuJoCo older than this package's tests do: install it in an
 environment of its own, and name it by ``--families``.
@@ -125,7 +125,8 @@ def run(family: str, agent: str, seed: int, n_timesteps: int) -> dict[str, float
     env = make_vec_env(lambda: make("train"), N_ENVS, seed=seed)
     algorithm = SAC if agent == "oracle" else BrunoSAC
     model = algorithm("MlpPolicy", env, seed=seed, device="cpu", **SETTINGS, **AGENTS[agent]).learn(n_timesteps)
-    tasks = make("test").get_wrapper_attr("task_distribution").tasks("test")
+    distribution: TaskSet = make("test").get_wrapper_attr("task_distribution")
+    tasks = distribution.tasks("test")
     episodes = play_episodes(model, lambda: make("test"), tasks, n_episodes=N_EPISODES, seed=10_000)
     rewards = np.stack([pad_episodes([episode.rewards for episode in of_task]) for of_task in episodes])
     found = {
@@ -134,9 +135,17 @@ def run(family: str, agent: str, seed: int, n_timesteps: int) -> dict[str, float
         "steps": float(np.median(AdaptationResult(tasks, rewards).steps_to_steady(window=1))),
     }
     if isinstance(model, BrunoSAC):
-        means = [_belief(model, episode) for of_task in episodes for episode in of_task]
-        found["explained"] = explained(np.stack(means), np.repeat(tasks, N_EPISODES, axis=0))
+        known = play_episodes(model, lambda: make("train"), distribution.tasks("train"), n_episodes=1, seed=20_000)
+        fitted = _beliefs(model, known), distribution.tasks("train")
+        found["explained of unseen tasks"] = explained(
+            fitted, (_beliefs(model, episodes), np.repeat(tasks, N_EPISODES, axis=0))
+        )
     return found
+
+
+def _beliefs(model: BrunoSAC, episodes: list[list[Episode]]) -> NDArray[np.float32]:
+    """Compute the beliefs' means after the first transitions of all episodes, (n, latent_dim)."""
+    return np.stack([_belief(model, episode) for of_task in episodes for episode in of_task])
 
 
 def _belief(model: BrunoSAC, episode: Episode) -> NDArray[np.float32]:
@@ -154,10 +163,11 @@ def table(runs: dict[str, Rows]) -> list[str]:
     for name, by_seed in runs.items():
         median = {
             key: float(np.median([row[key] for row in by_seed.values() if key in row] or [np.nan]))
-            for key in ("return", "last reward", "explained", "steps")
+            for key in ("return", "last reward", "explained of unseen tasks", "steps")
         }
         each = ", ".join(f"{row['last reward']:.3f}" for row in by_seed.values())
-        known = "" if np.isnan(median["explained"]) else f"{median['explained']:.3f}"
+        share = median["explained of unseen tasks"]
+        known = "" if np.isnan(share) else f"{share:.3f}"
         lines.append(
             f"| {name.replace(' / ', ' | ')} | {median['return']:.1f} | {median['last reward']:.3f} | {each} | {known} "
             f"| {median['steps']:.0f} |"
@@ -165,9 +175,18 @@ def table(runs: dict[str, Rows]) -> list[str]:
     return lines
 
 
-def known(path: Path | None) -> dict[str, Rows]:
-    """Read the runs that were made before."""
-    runs: dict[str, Rows] = json.loads(path.read_text())["runs"] if path is not None and path.is_file() else {}
+def known(path: Path | None, n_timesteps: int) -> dict[str, Rows]:
+    """Read the runs that were made before.
+
+    Raises:
+        ValueError: if they were of other lengths.
+    """
+    if path is None or not path.is_file():
+        return {}
+    before = json.loads(path.read_text())
+    if before["steps"] != n_timesteps:
+        raise ValueError(f"{path} holds runs of {before['steps']} steps, not of {n_timesteps}: choose another `--out`.")
+    runs: dict[str, Rows] = before["runs"]
     return runs
 
 
@@ -182,7 +201,9 @@ def main() -> None:
     options = parser.parse_args()
     th.set_num_threads(1)
     path = None if options.out is None else options.out / "untuned.json"
-    runs = known(path)
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    runs = known(path, options.steps)
     about = {"command": shlex.join(["python", *sys.argv]), "steps": options.steps, "versions": library_versions()}
     for seed in options.seeds:
         for family in options.families:
@@ -192,7 +213,9 @@ def main() -> None:
                     by_seed[str(seed)] = run(family, agent, seed, options.steps)
                     print(f"{family}, {agent}, seed {seed}: {by_seed[str(seed)]}", flush=True)
                 if path is not None:
-                    for name, others in known(path).items():  # another process may have made some meanwhile
+                    for name, others in known(
+                        path, options.steps
+                    ).items():  # another process may have made some meanwhile
                         runs[name] = others | runs.get(name, {})
                     path.write_text(json.dumps({**about, "runs": runs}, indent=1) + "\n")
     lines = table(runs)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch as th
-from gymnasium.spaces import Space
+from gymnasium.spaces import Space, flatdim
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.vec_env import VecNormalize
 from torch.distributions import Distribution
@@ -114,10 +114,9 @@ class AgentView:
     ) -> NDArray[np.float32]:
         """Compute the posterior over candidate tasks."""
         encoder: InfersTask = check_ability(self.encoder, InfersTask, "`task_probabilities`")
-        candidates = np.asarray(tasks, dtype=np.float32)
-        (task_dim,) = _shape(self.policy.task_space)
+        candidates, task_dim = np.asarray(tasks, dtype=np.float32), flatdim(self.policy.task_space)
         if candidates.ndim != 2 or candidates.shape[1] != task_dim:
-            raise ValueError(f"`tasks` has shape {candidates.shape}: give candidates, ({len(candidates)}, {task_dim}).")
+            raise ValueError(f"`tasks` has shape {candidates.shape}: give candidates of shape (n, {task_dim}).")
         if log_prior is not None and np.shape(log_prior) != (len(candidates),):
             raise ValueError(
                 f"`log_prior` has shape {np.shape(log_prior)}: give one for each task, {(len(candidates),)}."
@@ -126,7 +125,7 @@ class AgentView:
             weights = encoder.log_task_likelihood(belief.memory, th.as_tensor(candidates, device=self.policy.device))
             if log_prior is not None:
                 weights = weights + th.as_tensor(log_prior).to(weights)
-            return np.asarray(weights.softmax(dim=-1).cpu().numpy())
+            return np.asarray(weights.softmax(dim=-1).float().cpu().numpy())
 
     def _belief(self, memory: AnyMemory) -> TaskBelief:
         encoder: HasPosterior = check_ability(self.encoder, HasPosterior, "A belief to read")

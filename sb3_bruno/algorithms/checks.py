@@ -52,10 +52,11 @@ def check_encoder_arguments(encoder_class: type[TaskEncoder], encoder_kwargs: Ma
     """
     filled = {"observation_dim", "action_dim", "task_dim"}
     parameters = inspect.signature(encoder_class.build).parameters
-    if not any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
+    own = {name for name, parameter in parameters.items() if parameter.kind is not parameter.VAR_KEYWORD}
+    if len(own) == len(parameters):
         check_names("encoder_kwargs", encoder_kwargs, encoder_class.build, filled)
         return
-    passed_on = {name: value for name, value in (encoder_kwargs or {}).items() if name not in set(parameters) - filled}
+    passed_on = {name: value for name, value in (encoder_kwargs or {}).items() if name not in own - filled}
     check_names("encoder_kwargs", passed_on, encoder_class, filled)
 
 

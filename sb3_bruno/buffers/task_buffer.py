@@ -199,13 +199,13 @@ class TaskReplayBuffer(TaskRing):
         if self._target_encoder is not None:
             with th.inference_mode():
                 later = self._target_encoder.belief(self._target_encoder.prefixes(transitions, weights))
-        arrivals, later = transitions.next_observations, later[:, 1:]
+        arrivals, now, later = transitions.next_observations, later[:, :-1], later[:, 1:]
         inner_ends = self.flat(self.inner_ends)[slots]
         if inner_ends.any():  # the next inner episode begins, and nothing was absorbed: values flow on from there
             ended = th.as_tensor(inner_ends, device=self.device)[..., None]
             (begun,) = to_device([self.restarts(slots[inner_ends], env)], self.device)
             arrivals = arrivals.masked_scatter(ended, begun)
-            later = th.where(ended, beliefs[:, :-1], later)
+            later = th.where(ended, now, later)
         tasks = tasks[:, None].expand(-1, slots.shape[1], -1)
         dones = self.flat(self.dones)[slots] * (1 - self.flat(self.timeouts)[slots])
         scalars = [self._normalize_reward(self.flat(self.rewards)[slots], env)[..., None], dones[..., None]]

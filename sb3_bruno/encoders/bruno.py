@@ -26,6 +26,7 @@ from sb3_bruno.encoders.latents import LatentModel, Seen
 from sb3_bruno.encoders.task_map import TaskMap
 from sb3_bruno.encoders.variables import Modelled, Variables
 from sb3_bruno.maths.exchangeable import Distance
+from sb3_bruno.maths.flow import FLOWS
 from sb3_bruno.maths.processes import EXCHANGEABLE, KERNEL
 
 NOISE_ENTROPY = 0.5 * math.log(2 * math.pi * math.e)
@@ -62,6 +63,7 @@ class BrunoEncoder(TaskEncoder[Any]):
         ValueError: if an argument is none of the above, or two do not go together.
     """
 
+    max_grad_norm: float | None = 10.0  # so that one strange reward does not halt Adam for thousands of updates
     search_space: ClassVar[Mapping[str, Sequence[Any]]] = {
         "process": ("kernel", "kernel_student_t", "gaussian"),
         "n_weights": (4, 8, 16),
@@ -92,6 +94,12 @@ class BrunoEncoder(TaskEncoder[Any]):
             raise ValueError(
                 f"`extra_dims={extra_dims}` needs `process='gaussian'`, got {process!r}: a kernel has no use for noise."
             )
+        if not isinstance(n_weights, int) or n_weights < 1:
+            raise ValueError(f"`n_weights` must be a positive integer, got {n_weights!r}.")
+        if isinstance(flow_class, str) and flow_class not in FLOWS:
+            raise ValueError(f"`flow_class={flow_class!r}` is unknown: give one of {sorted(FLOWS)} or a zuko flow.")
+        if condition_on_next and modelled == "next_observations":
+            raise ValueError("`condition_on_next=True` is for rewards, and `modelled='next_observations'` has none.")
         one_flow = process in EXCHANGEABLE and modelled == "both"
         if one_flow and condition_on_next:
             raise ValueError(
@@ -176,7 +184,9 @@ class BrunoEncoder(TaskEncoder[Any]):
         return scores
 
     def loss(self, sequences: TaskSequences) -> Loss:
-        """Minus the ``bound``, and minus the score of the true tasks, which teaches the map from tasks alone.
+        """Minus the ``bound``, and minus the score of the true tasks, which teaches the map from tasks.
+
+        That score reaches none of the encoder's networks; a Student-t's degrees of freedom are fitted to both.
 
         In training mode it also moves the running statistics that standardise.
         """
@@ -193,7 +203,7 @@ class BrunoEncoder(TaskEncoder[Any]):
             self.task_map.standardize.update(tasks)
         known = map_memory(Tensor.detach, statistics)
         log_z = self.task_map.log_likelihood(self.process, known, tasks.unsqueeze(-2)).squeeze(-1)
-        told = (log_z.sum() + (weights * seen.log_det.detach()).sum()) / weights.sum()
+        told = (log_z.sum() + (weights * seen.log_det.detach()).sum()) / weights.sum().clamp(min=1)
         return Loss(-bound - told, {"bound_nats": bound.detach(), "task_nats": told.detach()})
 
     def bound(self, transitions: Transitions, weights: Tensor | None = None) -> Tensor:
@@ -239,7 +249,7 @@ class BrunoEncoder(TaskEncoder[Any]):
                 weights = weights * (1 - known)
             log_z = self.process.log_predictive(map_memory(lambda x: x.unsqueeze(-2), context), *given, z)
             score = (weights * (log_z + log_det)).sum()
-        bound: Tensor = score / weights.sum() + self.model.noise_dim * NOISE_ENTROPY
+        bound: Tensor = score / weights.sum().clamp(min=1) + self.model.noise_dim * NOISE_ENTROPY
         return bound
 
     def one_step_scores(self, transitions: Transitions, weights: Tensor | None = None) -> Tensor:

@@ -36,6 +36,9 @@ class KernelModel(LatentModel):
         net_arch: hidden layers of the networks of the features.
         flow_class: as ``ConditionalFlow`` takes it.
         flow_kwargs: likewise.
+
+    Raises:
+        ValueError: if the flow cannot map one value.
     """
 
     def __init__(
@@ -48,6 +51,11 @@ class KernelModel(LatentModel):
         flow_kwargs: dict[str, Any] | None,
     ) -> None:
         super().__init__(variables)
+        if flow_class in ("paper_maf", "reflected_maf"):
+            raise ValueError(
+                f"`flow_class={flow_class!r}` needs `process='gaussian'` and `extra_dims`: with a kernel, a flow maps "
+                "the reward alone. Use 'spline', or None."
+            )
         self.n_weights = n_weights
         self.latent_dim = n_weights * (bool(variables.reward_dim) + bool(variables.change_dim))
         self.process = process(self.latent_dim)
@@ -79,20 +87,21 @@ class KernelModel(LatentModel):
         return Seen((Features.join(features),), th.cat(z, dim=-1), log_det)
 
     def outcomes(self, memory: Any, transitions: Transitions, arrives: bool, n_samples: int) -> Outcomes:
-        """Draw next observations first, where they are modelled; unless known, rewards follow from where they led."""
+        """Draw next observations first, where they are modelled; then rewards given these, or given the known ones."""
         variables, process = self.variables, self.process
         rewards = arrivals = None
-        follows = not arrives and variables.there_dim > 0  # rewards follow from next observations that are drawn
+        follows = variables.change_dim > 0 and not arrives  # rewards follow from what is drawn, one from each sample
         if variables.change_dim:
-            features = self._of_change(variables(transitions).here)
+            values = variables(transitions)
+            features = self._of_change(values.here)
             z = process.sample(memory, features, n_samples)
             arrivals = transitions.observations + variables.changes.inverse(z)
+            memory = process.absorb(memory, features, z if follows else values.changes)
             if follows:
-                memory = process.absorb(memory, features, z)
                 expanded = Transitions(*(column.expand(n_samples, *column.shape) for column in transitions))
                 transitions = expanded._replace(next_observations=arrivals)
         if variables.reward_dim:
-            check_arrives(not follows or arrivals is not None)
+            check_arrives(arrives or follows or not variables.there_dim)
             x = variables(transitions).x
             z = process.sample(memory, self._of_reward(x), 1 if follows else n_samples)
             rewards = variables.rewards.inverse(self.flow.inverse(z.squeeze(0) if follows else z, x))

@@ -9,6 +9,9 @@ from sb3_bruno.maths.kernel_process import KernelGaussian
 from sb3_bruno.maths.kernel_statistics import KernelStatistics
 from sb3_bruno.maths.standardize import Standardize
 
+LEAST_SLACK = 1e-6
+"""The least variance of the weights of a known task; with less, the digits of float64 do not suffice."""
+
 
 class TaskMap(nn.Module):
     r"""Creates a map from tasks to the weights of a process with a kernel, with slack for what it cannot tell.
@@ -17,7 +20,7 @@ class TaskMap(nn.Module):
 
     Then the likelihood of a task g follows from the statistics of a set in closed form, and so does the posterior over
     any candidates. The posterior is in the task's own units, and may have several modes. The map learns from the true
-    tasks of training; it teaches the encoder nothing.
+    tasks of training; it teaches the encoder's networks nothing.
 
     Args:
         task_dim: size of the task vector.
@@ -48,4 +51,6 @@ class TaskMap(nn.Module):
         Returns:
             ``(..., n)``, in float64.
         """
-        return process.log_evidence_under(statistics, self.psi(self.standardize(tasks)), self.log_slack.exp())
+        return process.log_evidence_under(
+            statistics, self.psi(self.standardize(tasks)), LEAST_SLACK + self.log_slack.exp()
+        )

@@ -47,6 +47,8 @@ class Standardize(nn.Module):
     def update(self, x: Tensor) -> None:
         """Move the statistics towards those of a batch, ``(..., dim)``."""
         batch = x.flatten(end_dim=-2)
+        if len(batch) == 0:
+            return
         reach = th.where(self._varies, FARTHEST * self.var.sqrt(), th.inf)
         batch = self.mean + (batch - self.mean).clamp(-reach, reach)
         self.n_updates += 1

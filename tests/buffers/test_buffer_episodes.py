@@ -102,3 +102,19 @@ def test_running_trials_go_on_over_inner_ends():
     slots, lengths = stream.buffer.episodes.running()
     assert lengths.tolist() == [7, 7]
     assert stream.buffer.absorbed(slots).tolist() == [[1, 1, 1, 0, 1, 1, 1], [1, 1, 1, 1, 1, 1, 0]]
+
+
+def test_a_target_encoder_tells_the_beliefs_at_inner_ends_too():
+    class Doubled(Recorder):
+        def belief(self, statistics):
+            return 2 * statistics[0]
+
+    stream = Stream(n_sequences=1, sequence_length=10)
+    stream.buffer.set_encoder(Recorder(), LAYOUT, target_encoder=Doubled())
+    for step in range(10):
+        stream.add([0], inner_ends=[step in (3, 7)])
+    samples = stream.buffer.sample(10)
+    now, later = samples.observations[:, LAYOUT.belief], samples.next_observations[:, LAYOUT.belief]
+    ended = np.isin(samples.observations[:, 0], (3, 7))
+    np.testing.assert_allclose(later[ended], 2 * now[ended])
+    np.testing.assert_allclose(later[~ended, 0], 2 * (now[~ended, 0] + 1))

@@ -177,9 +177,21 @@ def test_outcomes_have_the_density_of_the_predictive(modelled, process):
     assert outcomes.quantile(0.9).rewards > median > outcomes.quantile(0.1).rewards
 
 
+def test_a_reward_given_where_the_action_led_shares_its_scale():
+    """Under a Student-t, a surprising change makes the reward as uncertain as p(r, s') / p(s') says."""
+    encoder = encoder_of(modelled="both", process="kernel_student_t")
+    memory, here, action = encoder.empty(), th.zeros(3, dtype=th.float64), th.zeros(2, dtype=th.float64)
+    spreads = []
+    with th.no_grad():
+        for there in (0.0, 300.0):
+            rewards = encoder.outcomes(memory, here, action, th.full((3,), there, dtype=th.float64), 5_000).rewards
+            spreads.append((rewards.quantile(0.75) - rewards.quantile(0.25)).item())
+    assert spreads[1] > 5 * spreads[0]
+
+
 def test_rewards_follow_from_next_observations_that_were_drawn():
     """Samples of (s', r) without s' have the joint density: r given a drawn s' is what it is given that s'."""
-    encoder, memory = encoder_of(modelled="both"), None
+    encoder = encoder_of(modelled="both")
     memory = last(encoder.prefixes(transitions_of(7)))
     observation, action = th.zeros(3, dtype=th.float64), th.ones(2, dtype=th.float64)
     with th.no_grad():
@@ -206,6 +218,10 @@ def test_rewards_follow_from_next_observations_that_were_drawn():
         {"process": "cauchy"},
         {"objective": "elbo"},
         {"n_weights": 0},
+        {"n_weights": 8.0},
+        {"flow_class": "maf"},
+        {"flow_class": "paper_maf"},  # of one value
+        {"condition_on_next": True, "modelled": "next_observations"},
     ],
 )
 def test_bad_arguments_are_named(bad):

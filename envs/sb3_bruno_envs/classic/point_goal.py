@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
-from sb3_bruno_envs.classic.point_mass import PointMassEnv
+from sb3_bruno_envs.classic.point_mass import PointMassEnv, check_dim
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.tasks import TaskSet
 
@@ -44,7 +44,12 @@ class PointGoalEnv(PointMassEnv):
 
 
 def point_goal_tasks(dim: int) -> TaskSet:
-    """Return goals drawn uniformly from the cube [-1, 1]^dim: 100 to train, 20 others to test."""
+    """Return goals drawn uniformly from the cube [-1, 1]^dim: 100 to train, 20 others to test.
+
+    Raises:
+        ValueError: if ``dim`` is not positive.
+    """
+    check_dim(dim)
     goals = np.random.RandomState(1337).uniform(-1.0, 1.0, (120, dim))
     cube = Box(-1.0, 1.0, (dim,))
     return TaskSet(goals[:100], goals[100:], space=cube, train_box=cube)

@@ -17,6 +17,12 @@ _RESPONSE = 0.5  # the share of the gap to the velocity asked for that closes in
 _PIXELS_PER_UNIT = 50.0  # shows 1.28 units around the origin
 
 
+def check_dim(dim: int) -> None:
+    """Raise a ValueError unless ``dim``, the dimension of a space, is positive."""
+    if dim < 1:
+        raise ValueError(f"dim={dim} is not positive: give the dimension of the space, such as 3.")
+
+
 class PointMassEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]], ABC):
     """Shows position and velocity ``(2 dim,)``; the action ``(dim,)``, clipped to [-1, 1], asks for a velocity.
 
@@ -35,8 +41,7 @@ class PointMassEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]], ABC):
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # as Gymnasium has it
 
     def __init__(self, dim: int, render_mode: str | None = None) -> None:
-        if dim < 1:
-            raise ValueError(f"dim={dim} is not positive: give the dimension of the space, such as 3.")
+        check_dim(dim)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode={render_mode!r} is not supported: use None or 'rgb_array'.")
         self.dim = dim

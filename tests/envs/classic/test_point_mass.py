@@ -78,3 +78,9 @@ def test_images_show_the_first_two_axes(dim):
 def test_bad_arguments_are_named(kwargs, named):
     with pytest.raises(ValueError, match=named):
         PointGoalEnv(**kwargs)
+
+
+@pytest.mark.parametrize("dim", [0, -1])
+def test_a_family_of_no_dimension_is_refused_before_its_tasks_are_drawn(dim):
+    with pytest.raises(ValueError, match=f"dim={dim} is not positive"):
+        gym.make("sb3_bruno_envs:PointGoal-v0", dim=dim)
