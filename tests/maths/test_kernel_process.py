@@ -67,23 +67,6 @@ def test_predictive_is_the_conditional_of_the_dense_normal(k, m, n, seed):
     assert process.log_bayes_factor(statistics, features, z).item() == pytest.approx(factor, rel=1e-9, abs=1e-9)
 
 
-@given(sizes, sizes, lengths, st.integers(1, 3), seeds)
-def test_evidence_under_other_priors_is_the_dense_density(k, m, n, n_priors, seed):
-    process, seen = process_of(k), draw_observations(seed, n, n_weights=k, n_values=m)
-    rng = np.random.default_rng(seed)
-    mean, var = rng.normal(size=(n_priors, k)), np.exp(rng.normal(size=k))
-    found = process.log_evidence_under(process.statistics(*seen), th.as_tensor(mean), th.as_tensor(var))
-    assert found.shape == (n_priors,)
-    dense = Dense.of(seen)
-    noise = dense.cov - dense.phi @ dense.phi.T
-    for one, score in zip(mean, found, strict=True):
-        cov = noise + dense.phi @ np.diag(var) @ dense.phi.T
-        truth = multivariate_normal(np.zeros(n * m), cov).logpdf(dense.error - dense.phi @ one) if n else 0.0
-        assert score.item() == pytest.approx(truth, rel=1e-8, abs=1e-8)
-    standard = process.log_evidence_under(process.statistics(*seen), th.zeros(1, k), th.ones(k))
-    th.testing.assert_close(standard[0], process.log_evidence(process.statistics(*seen)), **EXACT)
-
-
 @given(sizes, sizes, st.integers(1, 7), seeds)
 def test_evidence_is_the_dense_density_and_the_product_of_one_step_predictives(k, m, n, seed):
     process, seen = process_of(k), draw_observations(seed, n, n_weights=k, n_values=m)

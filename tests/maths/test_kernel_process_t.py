@@ -92,16 +92,6 @@ def test_posterior_is_the_dense_t(k, m, n, df, seed):
     assert posterior.log_prob(th.as_tensor(w)).item() == pytest.approx(truth, rel=1e-9, abs=1e-9)
 
 
-@given(sizes, sizes, st.integers(1, 7), dfs, seeds)
-def test_evidence_under_another_prior_is_the_dense_t(k, m, n, df, seed):
-    process, seen = process_of(k, df), draw_observations(seed, n, n_weights=k, n_values=m)
-    rng = np.random.default_rng(seed)
-    mean, var, dense = rng.normal(size=k), np.exp(rng.normal(size=k)), Dense.of(seen)
-    found = process.log_evidence_under(process.statistics(*seen), th.as_tensor(mean)[None], th.as_tensor(var)).item()
-    cov = dense.cov + dense.phi @ np.diag(var - 1) @ dense.phi.T
-    assert found == pytest.approx(t_log_density(dense.error - dense.phi @ mean, cov, df), rel=1e-8, abs=1e-8)
-
-
 def test_many_degrees_of_freedom_are_the_gaussian():
     gaussian, process, seen = (
         KernelGaussian(3).double(),
