@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 
 
@@ -36,3 +38,18 @@ def test_belief_choices_writes_a_row_for_every_choice(tmp_path):
     runs = json.loads((tmp_path / "belief_choices.json").read_text())["runs"]
     assert len(runs) == 2 * 8 * 2
     assert (tmp_path / "belief_choices.md").read_text().count("| kernel_student_t |") == 2
+
+
+def test_untuned_keeps_its_runs_and_takes_none_of_another_length(tmp_path):
+    command = ["--seeds", "1", "--families", "PointRotation-v0", "--agents", "BrunoSAC", "--out", str(tmp_path / "new")]
+    first = run("untuned.py", *command, "--steps", "808")
+    assert "seed 1" in first and "seed 1" not in run("untuned.py", *command, "--steps", "808")
+    (by_seed,) = json.loads((tmp_path / "new" / "untuned.json").read_text())["runs"].values()
+    assert by_seed.keys() == {"1"} and by_seed["1"].keys() == {
+        "return",
+        "last reward",
+        "steps",
+        "explained of unseen tasks",
+    }
+    with pytest.raises(subprocess.CalledProcessError):
+        run("untuned.py", *command, "--steps", "816")

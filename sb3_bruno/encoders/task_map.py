@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch as th
 from torch import Tensor, nn
+from zuko.nn import MLP
 
 from sb3_bruno.maths.kernel_process import KernelGaussian
 from sb3_bruno.maths.kernel_statistics import KernelStatistics
@@ -31,13 +32,7 @@ class TaskMap(nn.Module):
     def __init__(self, task_dim: int, n_weights: int, hidden_size: int = 64) -> None:
         super().__init__()
         self.standardize = Standardize(task_dim)
-        self.psi = nn.Sequential(
-            nn.Linear(task_dim, hidden_size),
-            nn.SiLU(),
-            nn.Linear(hidden_size, hidden_size),
-            nn.SiLU(),
-            nn.Linear(hidden_size, n_weights),
-        )
+        self.psi = MLP(task_dim, n_weights, (hidden_size, hidden_size), activation=nn.SiLU)
         self.log_slack = nn.Parameter(th.zeros(n_weights))
 
     def log_likelihood(self, process: KernelGaussian, statistics: KernelStatistics, tasks: Tensor) -> Tensor:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from torch import Tensor, nn
 from torch.nn import functional as F
+from zuko.nn import MLP
 
 from sb3_bruno.maths.kernel_statistics import Features
 
@@ -17,7 +18,7 @@ class FeatureNetwork(nn.Module):
     r"""Creates a network from x to the features :math:`b, \Phi, S` of m values.
 
     Its activations are smooth. With SiLU, held-out transitions of a point with a hidden goal scored more than with
-    ReLU, and the goal was known after fewer of them (docs/method.md).
+    ReLU, and the goal was known after fewer of them (docs/results.md).
 
     Args:
         context: dimension of x.
@@ -33,10 +34,7 @@ class FeatureNetwork(nn.Module):
     def __init__(self, context: int, n_values: int, n_weights: int, net_arch: Sequence[int] = (128, 128)) -> None:
         super().__init__()
         self.shape = (n_values, n_weights + 2)
-        layers: list[nn.Module] = []
-        for n_inputs, n_outputs in zip([context, *net_arch], net_arch, strict=False):
-            layers += [nn.Linear(n_inputs, n_outputs), nn.SiLU()]
-        self.network = nn.Sequential(*layers, nn.Linear([context, *net_arch][-1], n_values * (n_weights + 2)))
+        self.network = MLP(context, n_values * (n_weights + 2), net_arch, activation=nn.SiLU)
 
     def forward(self, x: Tensor) -> Features:
         """Map x, ``(..., context)``, to the features of z, ``(..., m)``."""
