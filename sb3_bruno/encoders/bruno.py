@@ -2,8 +2,8 @@
 
     z = flow(y | x),   z_i | w ~ N(b(x_i) + Phi(x_i) w, diag S(x_i)),   w ~ N(0, I)
 
-y = (r, s') is given x = (s, a). The order of the transitions does not matter. The paper's own process is the special
-case in which b, Phi and S are constant; there, noise may augment y.
+y = (r, s'): r is given x = (s, a, s'), and s' is given x = (s, a). The order of the transitions does not matter. The
+paper's own process is the special case in which b, Phi and S are constant; there, noise may augment y.
 """
 
 from __future__ import annotations

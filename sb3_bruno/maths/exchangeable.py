@@ -150,23 +150,19 @@ class ExchangeableGaussian(nn.Module):
         """Return what one more latent adds to W, (n z - S1)^2 / (n (n + 1)): ``Statistics.merge`` with one latent."""
         return (n * z - total).square() / (n * (n + 1)).clamp(min=1)
 
-    def theta_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
-        """Return mu_n and var_n of theta given z_1..z_n, under the Gaussian process, ``(..., dim)`` each."""
+    def posterior_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
+        """Return mu_n and var_n of theta | z_1..z_n, ``(..., dim)`` each, without building the distribution."""
         mean, var = theta_moments(statistics, self.cov, self.noise_var)
         return mean, var.expand_as(mean)
 
-    def posterior_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
-        """Return mean and variance of theta | z_1..z_n, ``(..., dim)`` each, without building the distribution."""
-        return self.theta_moments(statistics)
-
     def posterior(self, statistics: Statistics) -> Distribution:
         """Return p(theta | z_1..z_n) = N(mu_n, var_n), of batch shape ``(..., dim)``."""
-        mean, var = self.theta_moments(statistics)
+        mean, var = self.posterior_moments(statistics)
         return Normal(mean, var.sqrt(), validate_args=False)
 
     def predictive(self, statistics: Statistics) -> Distribution:
         """Return p(z_{n+1} | z_1..z_n) = N(mu_n, v - rho + var_n) of each dimension, of batch shape ``(..., dim)``."""
-        mean, var = self.theta_moments(statistics)
+        mean, var = self.posterior_moments(statistics)
         return Normal(mean, (self.noise_var + var).sqrt(), validate_args=False)
 
     def log_predictive(self, statistics: Statistics, z: Tensor) -> Tensor:

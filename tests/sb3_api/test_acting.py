@@ -8,7 +8,8 @@ import torch as th
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 
-from sb3_bruno import BrunoEncoder, RecurrentEncoder
+from sb3_bruno import BrunoEncoder, RecurrentEncoder, Transitions
+from sb3_bruno.encoders.base import training_mode
 from support.tiny_models import assert_same, make_pendulum, rollout
 
 
@@ -29,8 +30,9 @@ def test_predict_takes_one_observation_or_many(trained):
 class DropoutEncoder(BrunoEncoder):
     """Forgets half of what it sees, in training."""
 
-    def latents(self, transitions, noise):
-        return th.nn.functional.dropout(super().latents(transitions, noise), training=self.training)
+    def see(self, transitions, noise=None):
+        seen = super().see(transitions, noise)
+        return seen._replace(z=th.nn.functional.dropout(seen.z, training=self.training))
 
 
 class DropoutRecurrentEncoder(RecurrentEncoder):
@@ -48,6 +50,11 @@ THAT_DROP_OUT = {"bruno": DropoutEncoder, "recurrent": DropoutRecurrentEncoder}
 def test_predict_changes_nothing_and_repeats_itself(algorithm, make_model, drops_out):
     encoder_class = THAT_DROP_OUT[algorithm.default_encoder] if drops_out else None
     model = make_model(make_pendulum(), encoder_class=encoder_class).learn(60)
+    if drops_out:
+        transitions = Transitions(*(th.ones(1, 8, dim) for dim in (3, 1, 1, 3)))
+        with th.no_grad(), training_mode(model.encoder):
+            one, other = (model.encoder.belief(model.encoder.prefixes(transitions)) for _ in range(2))
+        assert not th.equal(one, other)  # it would show if the encoder were left to learn
     env = make_vec_env(make_pendulum, 2, seed=0)
     model.policy.set_training_mode(True)  # as ``train`` leaves it
     parameters = deepcopy(model.get_parameters())
