@@ -86,8 +86,8 @@ def test_outcomes_come_in_the_envs_own_units(normalize):
     means["observation"] = 0.0  # the observation at which it was asked
     for key, samples in (("reward", outcomes.rewards), ("observation", outcomes.next_observations)):
         scale = np.sqrt(variances[key])
-        np.testing.assert_allclose((samples.numpy().mean(axis=0) - means[key]) / scale, 0, atol=0.05)
-        np.testing.assert_allclose(samples.numpy().std(axis=0) / scale, 1, rtol=0.05)
+        np.testing.assert_allclose((samples.cpu().numpy().mean(axis=0) - means[key]) / scale, 0, atol=0.05)
+        np.testing.assert_allclose(samples.cpu().numpy().std(axis=0) / scale, 1, rtol=0.05)
     assert outcomes.mean().rewards.shape == outcomes.quantile(0.9).rewards.shape == (1,)
 
 

@@ -204,7 +204,7 @@ def test_a_bare_observation_is_refused(wrong):
 def test_save_and_load_take_the_encoder_along(tmp_path):
     policy = make_policy(critic_input="both")
     policy.save(tmp_path / "policy.pkl")
-    loaded = TaskSACPolicy.load(tmp_path / "policy.pkl")
+    loaded = TaskSACPolicy.load(tmp_path / "policy.pkl", device=policy.device)
     assert isinstance(loaded.observation_space, spaces.Dict)
     _, states = rollout(policy, make_env(), 4)
     for one, two in zip(states, rollout(loaded, make_env(), 4)[1], strict=True):

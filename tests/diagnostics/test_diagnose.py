@@ -27,7 +27,8 @@ TINY = {
     "net_arch": (8,),
     "modelled": "rewards",
 }
-SETTINGS: dict[str, Any] = {"policy_kwargs": {"net_arch": [16]}, "buffer_size": 1_000, "seed": 0}
+# On the CPU, where this file asks the encoder for what `diagnose` found.
+SETTINGS: dict[str, Any] = {"policy_kwargs": {"net_arch": [16]}, "buffer_size": 1_000, "seed": 0, "device": "cpu"}
 POINT_DIR = "sb3_bruno_envs:PointDir-v0"
 MakeEnv = Callable[[], gym.Env[Any, Any]]
 Row = NDArray[np.float32]

@@ -96,7 +96,7 @@ def fingerprint(model):
 
 def _tensors(part):
     if isinstance(part, th.Tensor):
-        return [part]
+        return [part.cpu()]  # Adam counts its steps there, unless it was loaded
     if isinstance(part, dict):
         return [tensor for value in part.values() for tensor in _tensors(value)]
     return []
