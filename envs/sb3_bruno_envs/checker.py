@@ -97,8 +97,8 @@ def _check_episode(env: Env, max_steps: int) -> Iterator[str]:
         action = _nth_action(env.action_space, step)
         observation, reward, terminated, truncated, info = env.step(action)
         here = _in_info(env, info, task)
-        if "final_observation" in info:  # a trial's next episode begins, and what is shown beside that is free
-            here |= _in_observation(env, observation, None, None, 1.0)
+        if "trial_final_observation" in info:  # a trial's next episode begins, and what is shown beside that is free
+            here |= _in_observation(env, observation, None, None, 0.5)
         else:
             here |= _in_observation(env, observation, _scaled(env.action_space, action), float(reward), 0.0)
         when = f"step {step}" + (", the episode's last" if terminated or truncated else "")

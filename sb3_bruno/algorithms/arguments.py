@@ -126,7 +126,7 @@ def resolve_policy(
     """Find the policy class that a name stands for.
 
     Raises:
-        ValueError: if the name is unknown, or the class is no ``TaskInferencePolicy``.
+        ValueError: if the name is unknown, or the class is none that the algorithm can train.
     """
     resolved = aliases.get(policy) if isinstance(policy, str) else policy
     if resolved is None:
@@ -134,8 +134,13 @@ def resolve_policy(
             f"`policy={policy!r}` is unknown: use one of {list(aliases)}. Images are not supported: extract features "
             "in an observation wrapper."
         )
-    if not (isinstance(resolved, type) and issubclass(resolved, TaskInferencePolicy)):
-        raise ValueError(f"`policy={resolved}` is no `TaskInferencePolicy`: subclass {next(iter(aliases.values()))}.")
+    usual = next(iter(aliases.values()))
+    needed = usual.__bases__[-1]  # of class TaskSACPolicy(TaskInferencePolicy, SACPolicy), the latter
+    if not (isinstance(resolved, type) and issubclass(resolved, TaskInferencePolicy) and issubclass(resolved, needed)):
+        raise ValueError(
+            f"`policy={resolved}` is none that this algorithm can train: subclass `{usual.__name__}`, or load a saved "
+            "agent with the class that saved it."
+        )
     return resolved
 
 

@@ -14,6 +14,8 @@ from torch.distributions import Distribution
 
 from sb3_bruno.algorithms.carried import Carried, State
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.algorithms.reading import read_batch
+from sb3_bruno.buffers.numbers import check_numbers
 from sb3_bruno.buffers.observed import TransitionArrays, normalize, unnormalize
 from sb3_bruno.encoders import HasPosterior, InfersTask, Outcomes, Predicts, Transitions
 from sb3_bruno.encoders.abilities import check_ability
@@ -58,6 +60,8 @@ class AgentView:
     def infer(self, transitions: Transitions) -> TaskBelief:
         """Compute the belief of a sequence of transitions, of shape (..., time, dim). Time 0 gives the prior."""
         observed = self.observe(*transitions)
+        if observed.rewards.ndim < 2:
+            raise ValueError("`rewards` has shape (1,): give sequences, (..., time, 1), of time 1 for one transition.")
         with th.no_grad():
             memory = self.encoder.empty(observed.rewards.shape[:-2])
             if observed.rewards.shape[-2] > 0:  # torch cannot run a flow on nothing
@@ -80,32 +84,42 @@ class AgentView:
         """Draw samples of rewards and next observations after ``actions`` at ``observations``."""
         predictor: Predicts = check_ability(self.encoder, Predicts, "`predict_outcomes`")
         arrivals = observations if next_observations is None else next_observations
-        here = self.observe(observations, actions, np.zeros((*belief.posterior.mean.shape[:-1], 1)), arrivals)
+        batch = tuple(belief.posterior.mean.shape[:-1])
+        here = self.observe(observations, actions, np.zeros((*batch, 1)), arrivals, batch=batch)
         there = None if next_observations is None else here.next_observations
         with th.no_grad():
             samples = predictor.outcomes(belief.memory, here.observations, here.actions, there, n_samples)
         return self._unnormalize(samples)
 
     def observe(
-        self, observations: ArrayLike, actions: ArrayLike, rewards: ArrayLike, next_observations: ArrayLike
+        self,
+        observations: ArrayLike,
+        actions: ArrayLike,
+        rewards: ArrayLike,
+        next_observations: ArrayLike,
+        *,
+        batch: tuple[int, ...] | None = None,
     ) -> Transitions:
         """Show transitions in the env's units as the agent observes them, (..., dim).
 
-        Rewards (..., 1); the others flat, (..., dim), or in the shape of their space.
+        Args:
+            observations: flat, (*batch, dim), or in the shape of their space.
+            actions: likewise.
+            rewards: (*batch, 1).
+            next_observations: as observations.
+            batch: the batch shape that all must have. None: that of most of them.
 
         Raises:
-            ValueError: naming the array that has another shape.
+            ValueError: naming the array that has another shape, or a number that is not finite.
         """
-        batch = np.shape(rewards)[:-1]
-        seen = _shape(self.policy.observation_space["observation"])
-        action = self.policy.scale_action(_shaped("actions", actions, batch, _shape(self.policy.action_space)))
-        given = TransitionArrays(
-            observations=_shaped("observations", observations, batch, seen),
-            actions=action.reshape(*batch, math.prod(action.shape[len(batch) :])),
-            rewards=_shaped("rewards", rewards, batch, (1,)),
-            next_observations=_shaped("next_observations", next_observations, batch, seen),
-        )
-        observed = normalize(given, self.vec_normalize)
+        seen, acted = _shape(self.policy.observation_space["observation"]), _shape(self.policy.action_space)
+        names = ("observations", "actions", "rewards", "next_observations")
+        arrays = dict(zip(names, (observations, actions, rewards, next_observations), strict=True))
+        shaped = read_batch(arrays, dict(zip(names, (seen, acted, (1,), seen), strict=True)), batch)
+        check_numbers(shaped, lambda index: f"at index {list(index)}")
+        batch = shaped["rewards"].shape[:-1]
+        shaped["actions"] = self.policy.scale_action(shaped["actions"]).reshape(*batch, math.prod(acted))
+        observed = normalize(TransitionArrays(**shaped), self.vec_normalize)
         flat = (array.reshape(*batch, math.prod(array.shape[len(batch) :])) for array in observed)
         return Transitions(*(th.as_tensor(array, dtype=th.float32, device=self.policy.device) for array in flat))
 
@@ -121,6 +135,9 @@ class AgentView:
             raise ValueError(
                 f"`log_prior` has shape {np.shape(log_prior)}: give one for each task, {(len(candidates),)}."
             )
+        if log_prior is not None and np.isnan(log_prior).any():
+            raise ValueError(f"`log_prior` is {log_prior}: NaN is no weight, and -inf is that of what cannot be.")
+        check_numbers({"tasks": candidates}, lambda index: f"at index {list(index)}")
         with th.no_grad():
             weights = encoder.log_task_likelihood(belief.memory, th.as_tensor(candidates, device=self.policy.device))
             if log_prior is not None:
@@ -149,22 +166,6 @@ def _like(samples: th.Tensor | None, own: NDArray[Any]) -> th.Tensor | None:
     return None if samples is None else th.as_tensor(own, dtype=th.float32).reshape(samples.shape)
 
 
-def _shaped(name: str, given: ArrayLike, batch: tuple[int, ...], shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Give an array the shape (*batch, *shape), which it may have flat.
-
-    Raises:
-        ValueError: if it has neither.
-    """
-    array = np.asarray(given, dtype=np.float32)
-    flat = (*batch, math.prod(shape))
-    if array.shape not in (flat, (*batch, *shape)):
-        raise ValueError(
-            f"`{name}` has shape {array.shape}, expected {flat}: rewards are (..., 1), and their shape before the last "
-            "dimension is that of all."
-        )
-    return array.reshape(*batch, *shape)
-
-
 def _shape(space: Space[Any]) -> tuple[int, ...]:
     assert space.shape is not None  # of a Box, for mypy
     return space.shape
@@ -188,7 +189,8 @@ class BeliefQueries:
                 Time 0 gives the prior.
 
         Raises:
-            ValueError: if the encoder has no posterior.
+            ValueError: if an array has another shape or holds a number that is not finite, or the encoder has no
+                posterior.
         """
         return self._view.infer(transitions)
 
@@ -196,7 +198,7 @@ class BeliefQueries:
         """Read the belief that an agent carries in the ``state`` that ``predict`` returned, batch shape (n_envs,).
 
         Raises:
-            ValueError: if the encoder has no posterior.
+            ValueError: if ``state`` is none that ``predict`` returned, or the encoder has no posterior.
         """
         return self._view.carried(state)
 
@@ -218,7 +220,8 @@ class BeliefQueries:
             n_samples: Monte Carlo samples, from which ``mean()`` and ``quantile(q)`` are taken.
 
         Raises:
-            ValueError: if the encoder does not predict.
+            ValueError: if an array has another shape or holds a number that is not finite, or the encoder does not
+                predict.
         """
         return self._view.outcomes(belief, observations, actions, next_observations, n_samples)
 

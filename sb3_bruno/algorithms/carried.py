@@ -44,8 +44,10 @@ class Carried(NamedTuple):
         """Send a state to the device, in one transfer.
 
         Raises:
-            ValueError: if it has other arrays than the encoder's states.
+            ValueError: if it is none that ``pack`` can have made with this encoder.
         """
+        if not isinstance(state, (tuple, list)) or not state or any(np.ndim(array) == 0 for array in state):
+            raise ValueError(f"`state` is {state!r}: pass back the state that `predict` returned.")
         n_envs = len(state[0])
         empty = encoder.empty((n_envs,))
         if len(state) not in (len(empty) + 1, 2 * len(empty) + 2):
@@ -59,6 +61,16 @@ class Carried(NamedTuple):
                 f"`state` begins with arrays of shapes {given}, those of {type(encoder).__name__} with {wanted}: pass "
                 "back the state that `predict` returned."
             )
+        if any(len(array) != n_envs for array in state):
+            raise ValueError(
+                f"`state` holds arrays of {[len(array) for array in state]} envs: pass back the state that `predict` "
+                "returned, whole."
+            )
+        if not all(np.isfinite(array).all() for array in state):
+            raise ValueError("`state` holds a number that is not finite: pass back the state that `predict` returned.")
+        count = encoder.count(map_memory(lambda like, array: th.as_tensor(array), empty, state[: len(empty)]))
+        if count is not None and (count < 0).any():
+            raise ValueError(f"`state` counts {count.min():.0f} values: pass back the state that `predict` returned.")
         tensors = iter(to_device([np.reshape(array, (n_envs, -1)) for array in state], device))
         memory = map_memory(lambda like: next(tensors).reshape(like.shape), empty)
         observation = next(tensors)

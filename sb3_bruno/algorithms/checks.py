@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import inspect
+import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,17 @@ from sb3_bruno.algorithms.arguments import check_names
 from sb3_bruno.buffers.task_buffer import TaskReplayBuffer
 from sb3_bruno.encoders import TaskEncoder, find_encoder
 
+_RANGES = {
+    "learning_rate": (0.0, 1e3),
+    "encoder_learning_rate": (0.0, 1e3),
+    "gamma": (0.0, 1.0),
+    "tau": (0.0, 1.0),
+    "ent_coef": (0.0, math.inf),
+    "target_entropy": (-1e9, 1e9),
+    "target_policy_noise": (0.0, math.inf),
+    "target_noise_clip": (0.0, math.inf),
+}
+"""Of the numbers that an algorithm takes: the least and the greatest."""
 WRAP = "wrap the env in `sb3_bruno_envs.MetaTask` and then in `sb3_bruno_envs.TransitionObservation`"
 
 
@@ -38,10 +50,31 @@ def check_algorithm(model: OffPolicyAlgorithm) -> None:
             f"`replay_buffer_class={buffer_class.__name__}` is not supported: transitions must be grouped by task. "
             "Leave it out, or subclass `TaskReplayBuffer`. A goal that is relabelled (HER) is no hidden task."
         )
+    _check_hyperparameters(model)
     filled = {"buffer_size", "observation_space", "action_space", "device", "n_envs", "optimize_memory_usage"}
     check_names("replay_buffer_kwargs", model.replay_buffer_kwargs, buffer_class, filled)
     _check_loaded(model)
     _check_spaces(model.observation_space, model.action_space)
+
+
+def _check_hyperparameters(model: OffPolicyAlgorithm) -> None:
+    """Refuse numbers that are NaN or out of the range in which training makes sense."""
+    for name, value in _numbers(vars(model)):
+        if math.isnan(value):
+            raise ValueError(f"`{name}={value}` is no number: give one.")
+    for name, (low, high) in _RANGES.items():
+        given = vars(model).get(name)
+        if isinstance(given, (int, float)) and not low <= given <= high:
+            raise ValueError(f"`{name}={given}` is out of range: give a number from {low:g} to {high:g}.")
+
+
+def _numbers(arguments: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield floats by name, also those in keyword arguments within."""
+    for name, value in arguments.items():
+        if isinstance(value, (float, np.floating)):
+            yield name, float(value)
+        elif name.endswith("_kwargs") and isinstance(value, Mapping):
+            yield from _numbers(value)
 
 
 def check_encoder_arguments(encoder_class: type[TaskEncoder], encoder_kwargs: Mapping[str, Any] | None) -> None:
@@ -84,17 +117,29 @@ def check_encoder_updates(encoder: TaskEncoder, updates: Mapping[str, float | No
             raise ValueError(f"`{name}` must not be negative, got {value}.")
 
 
-def check_buffer(buffer: ReplayBuffer | None, n_envs: int, encoder: TaskEncoder) -> None:
+def check_buffer(buffer: ReplayBuffer | None, model: OffPolicyAlgorithm, encoder: TaskEncoder) -> None:
     """Refuse a replay buffer that the algorithm or its encoder cannot work with.
 
     Raises:
-        ValueError: if it is no ``TaskReplayBuffer``, holds transitions of another number of envs, has sequences that
-            are too short for the encoder's loss, or shuffles them where the encoder reads them in their order.
+        ValueError: if it is no ``TaskReplayBuffer``, holds transitions of another number of envs or another env, has
+            sequences that are too short for the encoder's loss, or shuffles them where the encoder reads them in
+            their order.
     """
     if not isinstance(buffer, TaskReplayBuffer):
         raise ValueError(f"The replay buffer is a {type(buffer).__name__}, no `TaskReplayBuffer`.")
-    if buffer.n_envs != n_envs:
-        raise ValueError(f"The replay buffer is of `n_envs={buffer.n_envs}`, the model has {n_envs}: make as many.")
+    if buffer.n_envs != model.n_envs:
+        raise ValueError(
+            f"The replay buffer is of `n_envs={buffer.n_envs}`, the model has {model.n_envs}: make as many."
+        )
+    assert isinstance(model.observation_space, spaces.Dict)  # for mypy: _check_spaces saw it
+    holds = {
+        "observations of shape": (buffer.observation_space.shape, model.observation_space["observation"].shape),
+        "actions of shape": (buffer.action_space.shape, model.action_space.shape),
+        "tasks of shape": ((buffer.tasks.task_dim,), model.policy_kwargs["task_space"].shape),
+    }
+    for what, (held, wanted) in holds.items():
+        if held not in (wanted, (None,)):
+            raise ValueError(f"The replay buffer holds {what} {held}, the model's have {wanted}: load its own buffer.")
     if buffer.sequence_length < encoder.shortest_sequence:
         raise ValueError(
             f"`sequence_length={buffer.sequence_length}` is too short for the encoder's objective: "
@@ -105,6 +150,25 @@ def check_buffer(buffer: ReplayBuffer | None, n_envs: int, encoder: TaskEncoder)
             f"`context={buffer.context!r}` shuffles transitions, which {type(encoder).__name__} must read in their "
             "order: `replay_buffer_kwargs=dict(context='episode')`."
         )
+
+
+def family_of(env: VecEnv | None) -> str | None:
+    """Name the env family that an env is of: the id that it was registered with; None if there is none."""
+    if env is None or not env.has_attr("spec"):
+        return None
+    spec = env.get_attr("spec", 0)[0]
+    return None if spec is None else str(spec.id)
+
+
+def check_family(buffer: ReplayBuffer | None, env: VecEnv | None) -> None:
+    """Refuse a replay buffer that was filled in another env family, whose sizes may be the same.
+
+    Raises:
+        ValueError: naming both families.
+    """
+    filled_in, own = getattr(buffer, "family", None), family_of(env)
+    if None not in (filled_in, own) and filled_in != own:
+        raise ValueError(f"The replay buffer was filled in {filled_in}, and the env is {own}: load its own buffer.")
 
 
 def _check_loaded(model: OffPolicyAlgorithm) -> None:

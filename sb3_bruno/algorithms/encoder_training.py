@@ -14,7 +14,7 @@ from stable_baselines3.common.utils import FloatSchedule, polyak_update, update_
 from torch import Tensor
 
 from sb3_bruno.algorithms.carried import Carried
-from sb3_bruno.algorithms.checks import check_encoder_updates
+from sb3_bruno.algorithms.checks import check_buffer, check_encoder_updates
 from sb3_bruno.algorithms.late_log import log_late
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.buffers import TaskReplayBuffer
@@ -58,6 +58,20 @@ class EncoderTraining(OffPolicyAlgorithm):
         rate = encoder.learning_rate if self.encoder_learning_rate is None else self.encoder_learning_rate
         self.encoder_lr_schedule = FloatSchedule(rate)
         self.encoder_optimizer = th.optim.Adam(encoder.parameters(), lr=self.encoder_lr_schedule(1), fused=True)
+
+    def bind_buffer(self) -> None:
+        """Give the replay buffer the encoder that its samples are made with.
+
+        Raises:
+            ValueError: if it cannot serve: ``check_buffer``.
+        """
+        check_buffer(self.replay_buffer, self, self.encoder)
+        self.replay_buffer.set_encoder(
+            self.encoder,
+            self.policy.layout,
+            target_encoder=self.policy.encoder_target,
+            before_encode=None if self.encoder.learns_from == "own" else self._learn_from_samples,
+        )
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Update the encoder and the actor-critic, the latter as SB3 does, on beliefs of the encoder as it is now."""

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
-from stable_baselines3.common.utils import is_vectorized_observation
 
 from sb3_bruno.algorithms.carried import Carried, State
 from sb3_bruno.algorithms.forgetting import absorb_or_forget
+from sb3_bruno.algorithms.reading import read_episode_start, read_observation
 from sb3_bruno.buffers.extended_obs import CriticInput, ExtendedObs, SliceExtractor
+from sb3_bruno.buffers.numbers import check_numbers, place_in_env
 from sb3_bruno.buffers.transfer import to_device
 from sb3_bruno.encoders import BrunoEncoder, Predicts, TaskEncoder, Transitions, find_encoder
 from sb3_bruno.encoders.abilities import check_ability
@@ -167,7 +168,8 @@ class TaskInferencePolicy(BasePolicy):
             The actions, and the state after this observation.
 
         Raises:
-            ValueError: if ``state`` is none that this policy returned, or an array is no extended observation.
+            ValueError: if ``state`` is none that this policy returned for these envs, an array is no extended
+                observation, or a key of the observation is missing or holds a number that is not finite.
         """
         if not isinstance(observation, dict):
             return super().predict(observation, state, episode_start, deterministic)  # type: ignore[arg-type]  # as it is
@@ -194,14 +196,21 @@ class TaskInferencePolicy(BasePolicy):
             The extended observation, shape (n_envs, dim) or (dim,) as ``observation`` was, and what to carry on.
 
         Raises:
-            ValueError: if what is carried is of other envs.
+            ValueError: if the observation is not that of ``TransitionObservation``, or holds a number that is not
+                finite, or what is carried or ``episode_start`` is of other envs.
         """
-        vectorized = is_vectorized_observation(observation["observation"], self.observation_space["observation"])
-        n_envs = len(observation["observation"]) if vectorized else 1
-        fresh = np.zeros(n_envs, dtype=bool)
-        if episode_start is not None:
-            fresh = np.asarray(episode_start, dtype=bool).reshape(n_envs)
-        began = np.asarray(observation["episode_start"]).reshape(n_envs) > 0  # also if VecNormalize has centred it
+        parts, vectorized = read_observation(observation, self.observation_space)
+        n_envs = len(parts["observation"])
+        check_numbers(parts, place_in_env)
+        if carried is not None and carried.observation.shape != parts["observation"].shape:
+            raise ValueError(
+                f"`state` is of {len(carried.observation)} envs and observations of {carried.observation.shape[1]} "
+                f"numbers, not of {n_envs} and {parts['observation'].shape[1]}: pass back the state that `predict` "
+                "returned for these."
+            )
+        fresh = read_episode_start(episode_start, n_envs)
+        start = parts["episode_start"].reshape(n_envs)
+        began = start > 0  # also if VecNormalize has centred it
         if carried is None:
             if not began.all():
                 warnings.warn(
@@ -210,16 +219,15 @@ class TaskInferencePolicy(BasePolicy):
                     stacklevel=4,
                 )
             fresh = np.ones_like(began)
-        began = began | fresh
-        parts = [observation["observation"], observation["action"], observation["reward"], fresh, began]
-        here, action, reward, fresh_column, began_column = to_device(
-            [np.asarray(part).reshape(n_envs, -1) for part in parts], self.device
-        )
-        if carried is not None and carried.observation.shape != here.shape:
-            raise ValueError(
-                f"`state` is of {len(carried.observation)} envs and observations of {carried.observation.shape[1]} "
-                f"numbers, not of {n_envs} and {here.shape[1]}: pass back the state that `predict` returned for these."
+        elif ((start == 1.0) & ~fresh).any():  # 0.5 begins another episode of the same task
+            warnings.warn(
+                "`predict` was called with a `state` from before the env's reset, so the agent takes the new task for "
+                "the old one: pass `episode_start=True` there. `sb3_bruno_envs.Trial` joins episodes of one task.",
+                stacklevel=4,
             )
+        began = began | fresh
+        columns = [parts["observation"], parts["action"], parts["reward"], fresh[:, None], began[:, None]]
+        here, action, reward, fresh_column, began_column = to_device(columns, self.device)
         nothing = Carried.start(self.encoder, here, may_forget=forget_threshold is not None)
         if carried is None:
             carried = nothing

@@ -1,13 +1,11 @@
 """The mixin that gives an off-policy actor-critic a task encoder: it changes the data, never the loop.
 
-It carries the belief in rollouts and binds buffer and encoder. What trains the encoder is in ``encoder_training.py``.
+It carries the belief in rollouts. ``encoder_training.py`` trains the encoder, and ``saving.py`` saves it.
 """
 
 from __future__ import annotations
 
-import io
-import pathlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar, TypeVar, cast
 
 from numpy.typing import NDArray
@@ -23,13 +21,13 @@ from sb3_bruno.algorithms.beliefs import BeliefQueries
 from sb3_bruno.algorithms.carried import Carried, State
 from sb3_bruno.algorithms.checks import (
     check_algorithm,
-    check_buffer,
     check_encoder_arguments,
     check_task_infos,
+    family_of,
     read_task_space,
 )
-from sb3_bruno.algorithms.encoder_training import EncoderTraining
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.algorithms.saving import Saving
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.buffers.extended_obs import CriticInput
 from sb3_bruno.encoders import TaskEncoder, find_encoder
@@ -37,7 +35,7 @@ from sb3_bruno.encoders import TaskEncoder, find_encoder
 SelfTaskInference = TypeVar("SelfTaskInference", bound="TaskInference")
 
 
-class TaskInference(BeliefQueries, EncoderTraining, OffPolicyAlgorithm):
+class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
     """Gives SB3's off-policy actor-critics an encoder that infers the task. A mixin, named before the algorithm.
 
     Args:
@@ -95,6 +93,7 @@ class TaskInference(BeliefQueries, EncoderTraining, OffPolicyAlgorithm):
         self._n_encoder_updates = 0
         self._encoder_updates_due = 0.0
         self._rounds_since_recall = 0
+        self._saved_by: list[str] = []
         self._carried: Carried | None = None
         self._next_carried: Carried | None = None
         inference = {
@@ -107,6 +106,7 @@ class TaskInference(BeliefQueries, EncoderTraining, OffPolicyAlgorithm):
         super().__init__(resolve_policy(policy, self.policy_aliases), env, *args, **kwargs)
 
     def _setup_model(self) -> None:
+        self._check_saved_class()
         check_algorithm(self)
         if self.env is not None:
             self.task_space = read_task_space(self.env, getattr(self, "task_space", None))
@@ -124,20 +124,6 @@ class TaskInference(BeliefQueries, EncoderTraining, OffPolicyAlgorithm):
         super()._create_aliases()  # type: ignore[misc]  # of the algorithm that this is mixed into
         self.encoder = self.policy.encoder
 
-    def bind_buffer(self) -> None:
-        """Give the replay buffer the encoder that its samples are made with.
-
-        Raises:
-            ValueError: if it cannot serve: ``check_buffer``.
-        """
-        check_buffer(self.replay_buffer, self.n_envs, self.encoder)
-        self.replay_buffer.set_encoder(
-            self.encoder,
-            self.policy.layout,
-            target_encoder=self.policy.encoder_target,
-            before_encode=None if self.encoder.learns_from == "own" else self._learn_from_samples,
-        )
-
     # -- collecting ------------------------------------------------------------------------------------------
 
     def _setup_learn(
@@ -151,6 +137,7 @@ class TaskInference(BeliefQueries, EncoderTraining, OffPolicyAlgorithm):
         self.bind_buffer()  # a copied or unpickled buffer has lost its encoder
         starts_anew = reset_num_timesteps or self._last_obs is None
         result = super()._setup_learn(total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar)
+        self.replay_buffer.family = family_of(self.env)
         if starts_anew:
             self._carried = None
             self.replay_buffer.episodes.cut()
@@ -206,46 +193,10 @@ class TaskInference(BeliefQueries, EncoderTraining, OffPolicyAlgorithm):
             self._train_encoder(gradient_steps)
         return rollout
 
-    # -- saving ----------------------------------------------------------------------------------------------
-
-    def load_replay_buffer(self, path: str | pathlib.Path | io.BufferedIOBase, truncate_last_traj: bool = True) -> None:
-        """Load as in SB3. ``truncate_last_traj`` begins new episodes, without it the buffer's own go on.
-
-        Raises:
-            ValueError: if it cannot serve: ``check_buffer``.
-        """
-        super().load_replay_buffer(path, truncate_last_traj)
-        self.bind_buffer()
-        if truncate_last_traj:
-            self._last_obs = None
-
     def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
         wrapped = self._wrap_env(env, self.verbose)
         read_task_space(wrapped, self.task_space)
         super().set_env(wrapped, force_reset)
-
-    def save(
-        self,
-        path: str | pathlib.Path | io.BufferedIOBase,
-        exclude: Iterable[str] | None = None,
-        include: Iterable[str] | None = None,
-    ) -> None:
-        """Save as in SB3. What is carried in a running episode is kept as arrays, which load on any device."""
-        self.policy_kwargs["forget_threshold"] = self.policy.forget_threshold  # which may have been set since
-        carried = self._carried
-        self._carried = None if carried is None else carried.pack()  # type: ignore[assignment]  # for now
-        try:
-            super().save(path, exclude, include)
-        finally:
-            self._carried = carried
-
-    def _excluded_save_params(self) -> list[str]:
-        own = ["encoder", "encoder_optimizer", "_next_carried", "_scalars_of_updates"]
-        return [*super()._excluded_save_params(), *own]
-
-    def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
-        state_dicts, variables = super()._get_torch_save_params()
-        return [*state_dicts, "encoder_optimizer"], variables
 
     def learn(
         self: SelfTaskInference,

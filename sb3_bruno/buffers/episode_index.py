@@ -40,6 +40,11 @@ class EpisodeIndex:
         self._lengths = np.where(dones, 0, self._lengths + 1)
         self._n_put += 1
 
+    @property
+    def lengths(self) -> NDArray[np.int64]:
+        """The transitions so far of the episodes that run, (n_envs,)."""
+        return self._lengths
+
     def cut(self) -> None:
         """Begin new episodes with what comes next."""
         self._lengths[:] = 0

@@ -65,6 +65,9 @@ class TaskReplayBuffer(TaskRing):
         context: which transitions a belief rests on.
         n_recent: with ``context="recent"``, how many transitions of a task count as recent.
 
+    Attributes:
+        family: the id of the env that filled it; None if that has none.
+
     Raises:
         ValueError: if an argument is out of its range, or ``optimize_memory_usage`` is asked for.
     """
@@ -99,6 +102,7 @@ class TaskReplayBuffer(TaskRing):
         self.sequence_length = sequence_length
         self.context = context
         self.n_recent = n_recent
+        self.family: str | None = None
         self._encoder: TaskEncoder | None = None
         self._encoded: EncodedSequences | None = None
 
@@ -145,7 +149,7 @@ class TaskReplayBuffer(TaskRing):
         """Store one transition per environment.
 
         Raises:
-            ValueError: if an info has no ``"task"``.
+            ValueError: if a task or a number cannot be stored: ``TaskRing.add``.
         """
         self.forget_beliefs()
         super().add(*args, **kwargs)

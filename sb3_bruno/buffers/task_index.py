@@ -69,6 +69,11 @@ class TaskIndex:
         """The number of tasks that hold a slot."""
         return len(self._live)
 
+    @property
+    def task_dim(self) -> int | None:
+        """The size of the task vectors; None before the first."""
+        return len(self._live[0].task) if self._live else None
+
     def put(self, slot: int, task: NDArray[np.float32]) -> None:
         """Give ``slot`` to ``task``, taking it from the task that held it."""
         if self._queue_of_slot[slot] >= 0:

@@ -15,6 +15,7 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.buffers.episode_index import EpisodeIndex, Slots
+from sb3_bruno.buffers.numbers import check_numbers, place_in_env
 from sb3_bruno.buffers.observed import TransitionArrays, normalize
 from sb3_bruno.buffers.task_index import SlotQueue, TaskIndex
 from sb3_bruno.buffers.transfer import to_device
@@ -27,8 +28,8 @@ class TaskRing(ReplayBuffer):
     """Stores transitions in a ring, grouped by the task in ``info["task"]``.
 
     Once ``buffer_size`` transitions are in, the oldest are overwritten, of whatever task. A task whose last transition
-    goes is no longer drawn. Where an info has ``"final_observation"``, an inner episode of a trial ended: there the
-    transition led, and what the agent was shown next begins another inner episode.
+    goes is no longer drawn. Where an info has ``"trial_final_observation"``, an inner episode of a trial ended: there
+    the transition led, and what the agent was shown next begins another inner episode.
 
     Args:
         buffer_size: number of transitions, over all environments.
@@ -89,30 +90,49 @@ class TaskRing(ReplayBuffer):
         done: NDArray[Any],
         infos: list[dict[str, Any]],
     ) -> None:
-        """Store one transition per environment.
+        """Store one transition per environment, or none if one of them is refused.
 
         Raises:
-            ValueError: if an info has no ``"task"``.
+            ValueError: if an info has no ``"task"``, or one of another size; or if a number is not finite, or so large
+                that what learns from it would not be.
         """
-        if not all("task" in info for info in infos):
-            raise ValueError(
-                'A step info has no "task": wrap the env in `sb3_bruno_envs.MetaTask`, or put the task vector there.'
-            )
+        tasks = self._read_tasks(infos)
+        shown, arrivals = next_obs["observation"], np.array(next_obs["observation"])
+        inner_ends = [i for i, info in enumerate(infos) if "trial_final_observation" in info]
+        for i in inner_ends:
+            arrivals[i] = infos[i]["trial_final_observation"]
+        numbers = {"observation": obs["observation"], "action": action, "reward": reward, "task": tasks}
+        check_numbers(numbers | {"next observation": arrivals}, self._place)
         first_slot = self.pos * self.n_envs
-        tasks = np.array([info["task"] for info in infos], dtype=np.float32).reshape(self.n_envs, -1)
-        for i, task in enumerate(tasks + np.float32(0.0)):  # which makes -0.0 and 0.0 the same task
-            self.tasks.put(first_slot + i, task)
+        for slot, task in enumerate(tasks, first_slot):
+            self.tasks.put(slot, task)
+            self._restarts.pop(slot, None)
         self.episodes.put(done)
-        self.inner_ends[self.pos] = ["final_observation" in info for info in infos]
-        arrivals = np.array(next_obs["observation"])
+        self.inner_ends[self.pos] = False
+        self.inner_ends[self.pos, inner_ends] = True
         # Not done, even where the inner episode terminated: the trial goes on from where the next one begins. Unless
         # values flow through its inner ends, nothing is earned by finding out what only later episodes are paid for.
-        for slot, arrival, info in zip(range(first_slot, first_slot + self.n_envs), arrivals, infos, strict=True):
-            self._restarts.pop(slot, None)
-            if "final_observation" in info:
-                self._restarts[slot] = arrival.copy()
-                arrival[...] = info["final_observation"]
+        self._restarts.update({first_slot + i: shown[i].copy() for i in inner_ends})
         super().add(obs["observation"], arrivals, action, reward, done, infos)
+
+    def _read_tasks(self, infos: list[dict[str, Any]]) -> NDArray[np.float32]:
+        """Read the tasks off the infos, (n_envs, task_dim)."""
+        for i, info in enumerate(infos):
+            if "task" not in info:
+                raise ValueError(
+                    f'The step info of env {i} has no "task": wrap the env in `sb3_bruno_envs.MetaTask`, or put the '
+                    "task vector there."
+                )
+        tasks = [np.ravel(np.asarray(info["task"], dtype=np.float32)) for info in infos]
+        task_dim = len(tasks[0]) if self.tasks.task_dim is None else self.tasks.task_dim
+        for i, task in enumerate(tasks):
+            if len(task) != task_dim:
+                raise ValueError(f"The task of env {i} is {task}, and others have {task_dim} numbers: give as many.")
+        return np.stack(tasks) + np.float32(0.0)  # which makes -0.0 and 0.0 the same task
+
+    def _place(self, index: tuple[int, ...]) -> str:
+        """Say where an entry (env, ...) of what is added comes from."""
+        return f"{place_in_env(index)}, at step {self.episodes.lengths[index[0]]} of its episode"
 
     # -- which slots -----------------------------------------------------------------------------------------
 

@@ -128,6 +128,10 @@ class TaskEncoder(nn.Module, ABC, Generic[Memory]):
     def belief(self, memory: Memory) -> Tensor:
         """Read the belief off a memory, as a vector for actor and critics, shape (..., belief_dim)."""
 
+    def count(self, memory: Memory) -> Tensor | None:
+        """Count the values that a memory has absorbed, (..., 1). None: it does not tell."""
+        return None
+
     def start_episode(self, memory: Memory) -> Memory:
         """Begin another episode of the same task. The memory stays as it is, unless an encoder says otherwise."""
         return memory

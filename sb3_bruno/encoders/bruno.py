@@ -154,6 +154,10 @@ class BrunoEncoder(TaskEncoder[Any]):
         given, z, _ = self.see(transitions, noise)
         return self.process.prefixes(*given, z, weights)
 
+    def count(self, memory: Any) -> Tensor:
+        count: Tensor = self.process.count(memory)
+        return count
+
     def posterior(self, memory: Any) -> Distribution:
         """p(w | transitions absorbed), of K weights or of the paper's theta."""
         posterior: Distribution = self.process.posterior(memory)

@@ -45,7 +45,7 @@ class ExchangeableModel(LatentModel):
     def see(self, transitions: Transitions, noise: Tensor) -> Seen:
         values = self.variables(transitions)
         z, log_det = self.flow(th.cat([values.y, noise], dim=-1), values.x)
-        return Seen((), z, log_det + self.variables.log_det())
+        return Seen((), z, log_det + self.variables.log_det(values))
 
     def outcomes(self, memory: Any, transitions: Transitions, arrives: bool, n_samples: int) -> Outcomes:
         variables = self.variables

@@ -77,7 +77,7 @@ class KernelModel(LatentModel):
 
     def see(self, transitions: Transitions, noise: Tensor) -> Seen:
         values, variables = self.variables(transitions), self.variables
-        z, features, log_det = [], [], variables.log_det().expand(values.here.shape[:-1])
+        z, features, log_det = [], [], variables.log_det(values)
         if variables.reward_dim:
             latents = self.flow(values.rewards, values.x)
             z, features, log_det = [latents.z], [self._of_reward(values.x)], log_det + latents.log_det

@@ -93,6 +93,6 @@ class Variables(nn.Module):
         for standardize, column in zip(statistics, self._raw(transitions), strict=True):
             standardize.update(column[counted])
 
-    def log_det(self) -> Tensor:
-        """Return the log-determinant of the map from y in the env's units to its standardised values, shape ()."""
-        return -th.cat([self.rewards.std, self.changes.std]).log().sum()
+    def log_det(self, values: Values) -> Tensor:
+        """Return the log-determinant of the map from y in the env's units to its standardised values, shape (...)."""
+        return self.rewards.log_det(values.rewards) + self.changes.log_det(values.changes)

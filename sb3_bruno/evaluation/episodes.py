@@ -113,7 +113,7 @@ def _play_batch(
         if not np.isfinite(rewards[:n][running]).all():
             raise ValueError(f"the reward at step {len(steps)} is not finite: let make_env's environment pay a number.")
         after = _with_final_observations(_own_part(observations, (venv.num_envs,)), infos)
-        inner_ends = np.array(["final_observation" in info for info in infos])
+        inner_ends = np.array(["trial_final_observation" in info for info in infos])
         steps.append((before, actions, rewards, after, inner_ends))
         lengths += running
         running &= ~episode_start[:n]
@@ -132,7 +132,7 @@ def _with_final_observations(observations: NDArray[Any], infos: Sequence[Mapping
     """Replace each observation that begins an episode by the last of the episode before, which ``infos`` holds."""
     replaced = observations.copy()
     for observation, info in zip(replaced, infos, strict=True):
-        for key in ("terminal_observation", "final_observation"):  # SB3's name, and a trial's
+        for key in ("terminal_observation", "trial_final_observation"):  # SB3's name, and a trial's
             if key in info:
                 observation[...] = _own_part(info[key])
     return replaced

@@ -115,6 +115,10 @@ class ExchangeableGaussian(nn.Module):
         zeros = self.log_var.new_zeros(*batch_shape, self.dim)
         return Statistics(zeros[..., :1], zeros, zeros)
 
+    def count(self, statistics: Statistics) -> Tensor:
+        """Return the number of latents, ``(..., 1)``."""
+        return statistics.n
+
     def absorb(self, statistics: Statistics, z: Tensor) -> Statistics:
         """Return the statistics after one more latent each, ``z`` of shape ``(..., dim)``."""
         n, total, scatter = statistics

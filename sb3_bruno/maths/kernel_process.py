@@ -81,6 +81,10 @@ class KernelGaussian(nn.Module):
         zeros = self._like.new_zeros(*batch_shape, (self.n_weights + 1) ** 2 + 2)
         return KernelStatistics(zeros, zeros)
 
+    def count(self, statistics: KernelStatistics) -> Tensor:
+        """Return the number of values, ``(..., 1)``."""
+        return self._result(statistics.sums[..., -1:])
+
     def absorb(self, statistics: KernelStatistics, features: Features, z: Tensor) -> KernelStatistics:
         """Return the statistics after one more observation each, ``z`` of shape ``(..., m)``."""
         return self._split(statistics.sums + summands(features, z))

@@ -91,16 +91,6 @@ def test_outcomes_come_in_the_envs_own_units(normalize):
     assert outcomes.mean().rewards.shape == outcomes.quantile(0.9).rewards.shape == (1,)
 
 
-@pytest.mark.parametrize(
-    ("name", "shape"), [("observations", (5, 2)), ("actions", (5, 2)), ("rewards", (5,)), ("next_observations", (4, 3))]
-)
-def test_an_array_of_a_wrong_shape_is_named(name, shape):
-    right = Transitions(np.zeros((5, 3)), np.zeros((5, 1)), np.zeros((5, 1)), np.zeros((5, 3)))
-    named = "actions" if name == "rewards" else name  # the rewards' shape is taken as that of all
-    with pytest.raises(ValueError, match=rf"`{named}` has shape .*, expected .*: rewards are \(\.\.\., 1\)"):
-        make_model(False).infer(right._replace(**{name: np.zeros(shape)}))
-
-
 def test_candidate_tasks_are_probable_as_their_likelihood_and_their_prior_say():
     env = make_vec_env("sb3_bruno_envs:PointDir-v0", 2, seed=0)
     model = BrunoSAC("MlpPolicy", env, seed=0, learning_starts=50, policy_kwargs={"net_arch": [16]}).learn(80)

@@ -97,7 +97,7 @@ def test_an_episode_start_begins_from_the_prior_for_that_env_alone():
 def test_the_dicts_own_flag_says_that_no_transition_led_here_and_the_belief_goes_on():
     policy = make_policy()
     seen, states = rollout(policy, make_env(), 5)
-    inner_reset = {**seen[-1], "episode_start": np.ones((3, 1), dtype=np.float32)}
+    inner_reset = {**seen[-1], "episode_start": np.full((3, 1), 0.5, np.float32)}
     _, state = policy.predict(inner_reset, states[-2], np.zeros(3, dtype=bool))
     assert state[0][:, 0].tolist() == [3, 3, 3]
     np.testing.assert_array_equal(state[3], seen[-1]["observation"])
@@ -246,7 +246,7 @@ def test_a_trained_policy_may_be_told_to_forget_in_mid_episode():
         elsewhere = {**observation, "reward": 20 - observation["reward"]}  # as no transition before
         _, state = policy.predict(elsewhere, state, np.zeros(3, dtype=bool))
     assert (state[0] < states[-1][0]).any() and (state[0] >= 1).all()
-    began = {**seen[-1], "episode_start": np.ones((3, 1), np.float32)}  # no transition led here: nothing to doubt
+    began = {**seen[-1], "episode_start": np.full((3, 1), 0.5, np.float32)}  # no transition led here: nothing to doubt
     for one, two in zip(policy.predict(began, state, np.zeros(3, dtype=bool))[1][:-1], state[:-1], strict=True):
         np.testing.assert_array_equal(one, two)
 

@@ -64,7 +64,7 @@ def test_recent_context_reaches_back_so_far_and_no_further():
 
 def test_the_caller_keeps_the_observations_that_it_gave():
     stream, shown = Stream(), np.full((1, 1), 7.0, np.float32)
-    info = {"task": [0], "final_observation": np.float32([3.0])}
+    info = {"task": [0], "trial_final_observation": np.float32([3.0])}
     stream.buffer.add({"observation": shown}, {"observation": shown}, shown, shown[0], np.array([False]), [info])
     assert shown == 7.0
     assert stream.buffer.next_observations[0] == 3.0

@@ -252,8 +252,8 @@ def test_an_environment_that_raises_is_a_finding_beside_others():
 def test_an_inner_episode_of_a_trial_may_start_in_mid_trial():
     def restart(observation, info, step):
         if step == 10:
-            info["final_observation"] = observation["observation"].copy()
-            observation["episode_start"][:] = 1.0
+            info["trial_final_observation"] = observation["observation"].copy()
+            observation["episode_start"][:] = 0.5
             observation["action"][:] = observation["reward"][:] = 0.0
 
     check_meta_env(Edit(restart))
@@ -262,7 +262,7 @@ def test_an_inner_episode_of_a_trial_may_start_in_mid_trial():
 def test_an_inner_episode_that_does_not_say_that_it_starts_is_found_out():
     def restart(observation, info, step):
         if step == 10:
-            info["final_observation"] = observation["observation"].copy()
+            info["trial_final_observation"] = observation["observation"].copy()
 
-    with pytest.raises(ValueError, match=r"step 10, .*\['episode_start'\] is \[0.\] instead of \[1.\]"):
+    with pytest.raises(ValueError, match=r"step 10, .*\['episode_start'\] is \[0.\] instead of \[0.5\]"):
         check_meta_env(Edit(restart))

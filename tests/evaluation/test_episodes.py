@@ -35,7 +35,7 @@ class CountEnv(gym.Env[Any, NDArray[np.float32]]):
         info = {"task": self.task}
         over = self.steps >= self.task[0]
         if self.inner_steps == self.inner_length and not over:  # a trial's next episode begins
-            info["final_observation"] = np.array([self.inner_steps, *self.task], dtype=np.float32)
+            info["trial_final_observation"] = np.array([self.inner_steps, *self.task], dtype=np.float32)
             self.inner_steps = 0
         return self._observed(), 10.0 * self.steps, over, False, info
 

@@ -67,7 +67,7 @@ class Stream:
         shown = np.where(np.reshape(inner_ends, (n, 1)), -9, numbers + 0.5)  # -9 begins another inner episode
         infos = [{"task": [tasks[i]], "TimeLimit.truncated": timeouts[i]} for i in range(n)]
         for i in np.flatnonzero(inner_ends):
-            infos[i]["final_observation"] = numbers[i] + 0.5
+            infos[i]["trial_final_observation"] = numbers[i] + 0.5
         self.count += n
         for i in range(n):
             self.task_of.append(tasks[i])

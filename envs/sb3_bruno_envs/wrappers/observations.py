@@ -20,7 +20,7 @@ class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorAr
     - ``action``: the last action, flat, ``(action_dim,)``, clipped and scaled from its bounds to [-1, 1];
     - ``reward``: the last reward, ``(1,)``;
     - ``episode_start``: ``(1,)``, 1 after a reset and 0 after a step, unless that step began a trial's next
-      episode: then 1, because it is not the last action that led to ``observation``.
+      episode: then 0.5, because it is not the last action that led to ``observation``, but the task is the same.
 
     After a reset, ``action`` and ``reward`` are zeros.
 
@@ -63,7 +63,7 @@ class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorAr
     def step(self, action: Any) -> tuple[dict[str, NDArray[np.float32]], SupportsFloat, bool, bool, dict[str, Any]]:
         """Step the environment and show the action and the reward of this step."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        begins = float("final_observation" in info)  # Trial marks an inner start so
+        begins = 0.5 if "trial_final_observation" in info else 0.0  # Trial marks an inner start so
         seen = _transition(observation, self._scale(action), float(reward), episode_start=begins)
         return seen, reward, terminated, truncated, info
 

@@ -15,9 +15,9 @@ class Trial(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     When an inner episode ends, terminated or truncated, and is not the last, the environment is reset at once and
     without a seed. The step returns the first observation of the next inner episode and neither flag, and
-    ``info["final_observation"]`` holds a copy of the observation at which the ended episode stopped. The trial ends as
-    its last inner episode ends. ``info["episode_index"]``, in 0 .. ``n_episodes - 1``, names the inner episode that a
-    reset began or that a step belongs to; the last step of an inner episode still belongs to it.
+    ``info["trial_final_observation"]`` holds a copy of the observation at which the ended episode stopped. The trial
+    ends as its last inner episode ends. ``info["episode_index"]``, in 0 .. ``n_episodes - 1``, names the inner episode
+    that a reset began or that a step belongs to; the last step of an inner episode still belongs to it.
 
     Wrap MetaTask around the trial, so that all inner episodes share a task, and put the time limit of an inner episode
     inside.
@@ -56,7 +56,7 @@ class Trial(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         info = {**info, "episode_index": self._episode_index}
         if not (terminated or truncated) or self._episode_index == self.n_episodes - 1:
             return observation, reward, terminated, truncated, info
-        info["final_observation"] = copy.deepcopy(observation)
+        info["trial_final_observation"] = copy.deepcopy(observation)
         self._episode_index += 1
         observation, _ = self.env.reset()
         return observation, reward, False, False, info

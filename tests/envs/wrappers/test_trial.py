@@ -65,7 +65,7 @@ def test_an_inner_end_begins_the_next_episode_and_the_last_ends_the_trial(termin
     ]
     infos = [info for *_, info in steps]
     assert [info["episode_index"] for info in infos] == [0, 0, 1, 1, 2, 2]
-    assert [info.get("final_observation") for info in infos] == [None, 102, None, 202, None, None]
+    assert [info.get("trial_final_observation") for info in infos] == [None, 102, None, 202, None, None]
     assert all(info["own"] == "step" for info in infos)
     assert env.unwrapped.resets == [(4, {"speed": 3}), (None, None), (None, None)]
 
@@ -81,7 +81,7 @@ def test_a_reset_in_mid_trial_begins_a_new_trial():
 def test_one_episode_makes_a_trial_of_what_it_was():
     env = Trial(Counter(2), 1)
     env.reset()
-    assert [(terminated, "final_observation" in info) for _, _, terminated, _, info in run(env, 2)] == [
+    assert [(terminated, "trial_final_observation" in info) for _, _, terminated, _, info in run(env, 2)] == [
         (False, False),
         (True, False),
     ]
@@ -113,7 +113,7 @@ def test_the_dict_marks_the_start_and_keeps_what_was_last_done_and_earned():
     for step in range(1, 16):
         observation, reward, _, truncated, info = env.step(action)
         inner_end = step in (5, 10)
-        assert ("final_observation" in info) == inner_end
+        assert ("trial_final_observation" in info) == inner_end
         assert observation["episode_start"].tolist() == [float(inner_end)]
         assert observation["action"].tolist() == [0.5, -0.25]
         assert observation["reward"].tolist() == [np.float32(reward)]

@@ -1,0 +1,82 @@
+"""Reads the arrays that an agent is given to act on and to infer from, and names what is wrong with them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike, NDArray
+from stable_baselines3.common.utils import is_vectorized_observation
+
+
+def read_observation(observation: Mapping[str, ArrayLike], space: spaces.Dict) -> tuple[dict[str, NDArray[Any]], bool]:
+    """Lay an observation of one env or of several out as flat rows.
+
+    Returns:
+        Every key of ``space`` as an array (n_envs, dim), and whether the observation was of several envs.
+
+    Raises:
+        ValueError: naming a key that is missing or has another shape.
+    """
+    for key in (key for key in space if key not in observation):
+        raise ValueError(
+            f"The observation has no key {key!r}, only {sorted(observation)}: pass what "
+            "`sb3_bruno_envs.TransitionObservation` returns, whole."
+        )
+    arrays = {key: np.asarray(observation[key]) for key in space}
+    vectorized = is_vectorized_observation(arrays["observation"], space["observation"])
+    batch = arrays["observation"].shape[:1] if vectorized else ()
+    for key, array in arrays.items():
+        wanted = (*batch, *(space[key].shape or ()))
+        if array.shape != wanted:
+            raise ValueError(f"The observation's {key!r} has shape {array.shape}, expected {wanted}.")
+    return {key: array.reshape(batch[0] if batch else 1, -1) for key, array in arrays.items()}, vectorized
+
+
+def read_episode_start(episode_start: ArrayLike | None, n_envs: int) -> NDArray[np.bool_]:
+    """Read where the belief starts again, (n_envs,); None: nowhere.
+
+    Raises:
+        ValueError: if it is of another number of envs.
+    """
+    if episode_start is None:
+        return np.zeros(n_envs, dtype=bool)
+    fresh = np.asarray(episode_start, dtype=bool)
+    if fresh.size != n_envs:
+        raise ValueError(f"`episode_start` is of {fresh.size} envs, the observation of {n_envs}: give one for each.")
+    return fresh.reshape(n_envs)
+
+
+def read_batch(
+    arrays: Mapping[str, ArrayLike], shapes: Mapping[str, tuple[int, ...]], batch: tuple[int, ...] | None = None
+) -> dict[str, NDArray[np.float32]]:
+    """Give arrays one batch shape before the shapes of their entries, which they may have flat.
+
+    Args:
+        arrays: by name.
+        shapes: of an entry of each.
+        batch: the batch shape. None: the one that most of the arrays have, so that an error names the odd one out.
+
+    Raises:
+        ValueError: naming an array that does not fit.
+    """
+    found = {name: np.asarray(array, dtype=np.float32) for name, array in arrays.items()}
+    possible = {name: _batch_shapes(array.shape, shapes[name]) for name, array in found.items()}
+    if batch is None:
+        counts = Counter(shape for candidates in possible.values() for shape in candidates)
+        batch = counts.most_common(1)[0][0] if counts else ()
+    for name, array in found.items():
+        if batch not in possible[name]:
+            wanted = ", ".join(map(str, (*(batch if any(possible.values()) else ("...",)), math.prod(shapes[name]))))
+            raise ValueError(f"`{name}` has shape {array.shape}, expected ({wanted}).")
+    return {name: array.reshape(*batch, *shapes[name]) for name, array in found.items()}
+
+
+def _batch_shapes(shape: tuple[int, ...], entry: tuple[int, ...]) -> set[tuple[int, ...]]:
+    """Return what may come before an entry, in its own shape or flat, in an array of some shape."""
+    endings = {entry, (math.prod(entry),)}
+    return {shape[: len(shape) - len(end)] for end in endings if shape[len(shape) - len(end) :] == end}

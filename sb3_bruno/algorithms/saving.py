@@ -1,0 +1,137 @@
+"""Saves agents and their replay buffers, and loads them whole or, if they would not be what they were, not at all."""
+
+from __future__ import annotations
+
+import copy
+import io
+import pathlib
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, TypeVar
+
+import torch as th
+from stable_baselines3.common.save_util import load_from_zip_file
+from stable_baselines3.common.type_aliases import GymEnv, TensorDict
+from torch import Tensor
+
+from sb3_bruno.algorithms.checks import check_family
+from sb3_bruno.algorithms.encoder_training import EncoderTraining
+
+SelfSaving = TypeVar("SelfSaving", bound="Saving")
+
+
+class Saving(EncoderTraining):
+    """Takes the encoder, its optimiser and what is carried along when an agent is saved. Part of ``TaskInference``."""
+
+    _saved_by: list[str]
+
+    def save(
+        self,
+        path: str | pathlib.Path | io.BufferedIOBase,
+        exclude: Iterable[str] | None = None,
+        include: Iterable[str] | None = None,
+    ) -> None:
+        """Save as in SB3. What is carried in a running episode is kept as arrays, which load on any device."""
+        self.policy_kwargs["forget_threshold"] = self.policy.forget_threshold  # which may have been set since
+        self._saved_by = _names_of_classes(self)
+        carried = self._carried
+        self._carried = None if carried is None else carried.pack()  # type: ignore[assignment]  # for now
+        try:
+            super().save(path, exclude, include)
+        finally:
+            self._carried = carried
+
+    def _excluded_save_params(self) -> list[str]:
+        own = ["encoder", "encoder_optimizer", "_next_carried", "_scalars_of_updates"]
+        return [*super()._excluded_save_params(), *own]
+
+    def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
+        state_dicts, variables = super()._get_torch_save_params()
+        return [*state_dicts, "encoder_optimizer"], variables
+
+    def load_replay_buffer(self, path: str | pathlib.Path | io.BufferedIOBase, truncate_last_traj: bool = True) -> None:
+        """Load as in SB3. ``truncate_last_traj`` begins new episodes, without it the buffer's own go on.
+
+        Raises:
+            ValueError: if it cannot serve: ``check_buffer``.
+        """
+        before = self.replay_buffer
+        try:
+            super().load_replay_buffer(path, truncate_last_traj)
+            check_family(self.replay_buffer, self.env)
+            self.bind_buffer()
+        except Exception:
+            self.replay_buffer = before
+            raise
+        if truncate_last_traj:
+            self._last_obs = None
+
+    def set_parameters(
+        self,
+        load_path_or_dict: str | TensorDict,
+        exact_match: bool = True,
+        device: th.device | str = "auto",
+    ) -> None:
+        """Set as in SB3; all of them, or none if one is refused.
+
+        Raises:
+            ValueError: if a name is unknown or missing, or a number is not finite.
+        """
+        given: Any = load_path_or_dict
+        if not isinstance(load_path_or_dict, Mapping):
+            given = load_from_zip_file(load_path_or_dict, device=device, load_data=False)[1]
+        _check_finite(given)
+        before = copy.deepcopy(self.get_parameters())
+        try:
+            super().set_parameters(given, exact_match, device)
+        except Exception:
+            super().set_parameters(before)  # type: ignore[arg-type]  # SB3 gives them as it takes them
+            raise
+
+    @classmethod
+    def load(
+        cls: type[SelfSaving],
+        path: str | pathlib.Path | io.BufferedIOBase,
+        env: GymEnv | None = None,
+        device: th.device | str = "auto",
+        custom_objects: dict[str, Any] | None = None,
+        print_system_info: bool = False,
+        force_reset: bool = True,
+        **kwargs: Any,
+    ) -> SelfSaving:
+        """Load as in SB3.
+
+        Raises:
+            ValueError: if another algorithm saved the agent, or a number of it is not finite.
+        """
+        _, parameters, variables = load_from_zip_file(path, device="cpu", load_data=False)
+        _check_finite({**(parameters or {}), **(variables or {})})
+        return super().load(path, env, device, custom_objects, print_system_info, force_reset, **kwargs)
+
+    def _check_saved_class(self) -> None:
+        """Refuse to be loaded from what another class saved, unless one of the two is made from the other."""
+        own, saved_by = _names_of_classes(self), self._saved_by
+        if saved_by and own[0] not in saved_by and saved_by[0] not in own:
+            raise ValueError(f"The agent was saved by {saved_by[0]}, not by {own[0]}: use `{saved_by[0]}.load`.")
+
+
+def _names_of_classes(model: Saving) -> list[str]:
+    """Name the class of a model and those that it inherits from, as far as they infer a task."""
+    return [cls.__name__ for cls in type(model).__mro__ if issubclass(cls, Saving)]
+
+
+def _check_finite(parameters: Mapping[str, Any]) -> None:
+    """Refuse parameters, nested by name, one of which holds a number that is not finite."""
+    for name, tensor in _tensors(parameters):
+        if tensor.is_floating_point() and not th.isfinite(tensor).all():
+            raise ValueError(
+                f"The parameter `{name}` holds a number that is not finite, for the training that made it diverged: "
+                "take an agent saved earlier, and train on with a lower `learning_rate`."
+            )
+
+
+def _tensors(nested: Any, name: str = "") -> Iterator[tuple[str, Tensor]]:
+    if isinstance(nested, Tensor):
+        yield name, nested
+    elif isinstance(nested, Mapping):
+        for key, value in nested.items():
+            yield from _tensors(value, f"{name}.{key}" if name else str(key))

@@ -1,0 +1,207 @@
+"""What an agent cannot act on or infer from is refused by name, and nothing that it holds changes."""
+
+import re
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch as th
+from stable_baselines3.common.env_util import make_vec_env
+
+from sb3_bruno import BrunoSAC, RecurrentSAC, Transitions
+from support.tiny_models import ALGORITHMS, POINT, TRIAL, tiny
+
+N_ENVS = 2
+
+
+def make(algorithm=BrunoSAC, env=POINT, **kwargs):
+    return algorithm("MlpPolicy", make_vec_env(env, N_ENVS, seed=0), **tiny(algorithm, **kwargs))
+
+
+@pytest.fixture(scope="module")
+def model():
+    return make().learn(60)
+
+
+@pytest.fixture
+def seen(model):
+    return make_vec_env(POINT, N_ENVS, seed=0).reset()
+
+
+class Faulty(gym.Wrapper):
+    """Makes one number of one step bad."""
+
+    def __init__(self, env, at, kind, number):
+        super().__init__(env)
+        self.at, self.kind, self.number, self.n_steps = at, kind, number, 0
+
+    def step(self, action):
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self.n_steps += 1
+        if self.n_steps == self.at:
+            if self.kind == "reward":
+                reward = self.number
+                observation["reward"][:] = self.number
+            elif self.kind == "task":
+                info = {**info, "task": np.full_like(info["task"], self.number)}
+            else:
+                observation["observation"][0] = self.number
+        return observation, reward, terminated, truncated, info
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS, ids=lambda algorithm: algorithm.__name__)
+@pytest.mark.parametrize(("kind", "number"), [("reward", np.nan), ("observation", np.inf), ("task", np.nan)])
+def test_a_bad_number_ends_training_before_it_gets_anywhere(algorithm, kind, number):
+    env = make_vec_env(lambda: Faulty(gym.make(POINT), 55, kind, number), N_ENVS, seed=0)
+    model = algorithm("MlpPolicy", env, **tiny(algorithm))
+    with pytest.raises(ValueError, match=rf"`(next )?{kind}` is {number} in env 0.*, at step \d+ of its episode"):
+        model.learn(300)
+    assert model.num_timesteps == 55 * N_ENVS
+    assert all(th.isfinite(tensor).all() for tensor in model.policy.state_dict().values())
+    assert np.isfinite(model.replay_buffer.rewards).all() and np.isfinite(model.replay_buffer.observations).all()
+    assert all(np.isfinite(array).all() for array in model._carried.pack())
+
+
+@pytest.mark.parametrize("key", ["observation", "action", "reward", "episode_start"])
+@pytest.mark.parametrize("number", [np.nan, np.inf, 1e30])
+def test_predict_names_the_key_and_the_env_of_a_bad_number(model, seen, key, number):
+    seen[key][1, 0] = number
+    with pytest.raises(ValueError, match=rf"`{key}` is {re.escape(f'{number:g}')} in env 1, entry \[0\]"):
+        model.predict(seen)
+
+
+@pytest.mark.parametrize("key", ["observation", "action", "reward", "episode_start"])
+def test_predict_names_a_key_that_is_missing_or_of_another_shape(model, seen, key):
+    part = {name: array for name, array in seen.items() if name != key}
+    with pytest.raises(ValueError, match=rf"The observation has no key '{key}'"):
+        model.predict(part)
+    with pytest.raises(ValueError, match=r"shape"):
+        model.predict({**seen, key: seen[key][:, None]})
+    if key != "observation":  # whose first dimension is taken for that of all
+        with pytest.raises(ValueError, match=rf"The observation's '{key}' has shape \(1, \d\), expected \(2, \d\)"):
+            model.predict({**seen, key: seen[key][:1]})
+
+
+def test_an_episode_start_of_other_envs_is_refused(model, seen):
+    with pytest.raises(ValueError, match=r"`episode_start` is of 3 envs, the observation of 2"):
+        model.predict(seen, episode_start=np.ones(3, dtype=bool))
+
+
+BAD_STATES = {
+    "None": lambda state: None,
+    "empty": lambda state: (),
+    "a number": lambda state: (1.0,),
+    "one entry": lambda state: state[:1],
+    "another batch": lambda state: tuple(array[:1] for array in state),
+    "a batch of its own": lambda state: (*state[:-1], state[-1][:1]),
+    "NaN": lambda state: (*state[:-1], np.full_like(state[-1], np.nan)),
+    "negative counts": lambda state: (-np.abs(state[0]), *state[1:]),
+}
+
+
+@pytest.mark.parametrize("spoil", BAD_STATES.values(), ids=BAD_STATES)
+def test_a_state_that_predict_cannot_have_returned_is_refused(model, seen, spoil):
+    _, state = model.predict(seen)
+    for _ in range(2):
+        _, state = model.predict({**seen, "episode_start": np.zeros((N_ENVS, 1), np.float32)}, state)
+    bad = spoil(state)
+    if bad is not None:  # None is the prior
+        with pytest.raises(ValueError, match=r"`state`"):
+            model.predict(seen, bad)
+    if spoil is not BAD_STATES["another batch"]:  # which is a belief, too
+        with pytest.raises(ValueError, match=r"`state`"):
+            model.belief(bad)
+
+
+def test_a_state_kept_over_the_end_of_an_episode_is_warned_of(model):
+    env = make_vec_env(POINT, N_ENVS, seed=0)  # episodes of 30 steps
+    observation, state = env.reset(), None
+    for _ in range(30):
+        action, state = model.predict(observation, state)
+        observation, *_ = env.step(action)
+    with pytest.warns(UserWarning, match=r"`state` from before the env's reset.*pass `episode_start=True`"):
+        model.predict(observation, state)
+
+
+def test_a_state_kept_within_a_trial_is_not_warned_of(recwarn):
+    model, env = make(env=TRIAL), make_vec_env(TRIAL, N_ENVS, seed=0)  # trials of three episodes of 20 steps
+    observation, state = env.reset(), None
+    for _ in range(60):
+        action, state = model.predict(observation, state)
+        observation, *_ = env.step(action)
+    assert not recwarn
+
+
+RIGHT = Transitions(np.zeros((5, 2)), np.zeros((5, 2)), np.zeros((5, 1)), np.zeros((5, 2)))
+
+
+@pytest.mark.parametrize("name", Transitions._fields)
+def test_infer_names_the_array_that_does_not_fit(model, name):
+    right = getattr(RIGHT, name)
+    for wrong in (right.T, right.ravel(), right[:4], right[:, :1].repeat(3, axis=1), right[None], 0.0):
+        with pytest.raises(ValueError, match=rf"`{name}` has shape .*, expected \("):
+            model.infer(RIGHT._replace(**{name: wrong}))
+
+
+@pytest.mark.parametrize("name", Transitions._fields)
+def test_infer_names_a_bad_number(model, name):
+    bad = getattr(RIGHT, name).copy()
+    bad[3, 0] = np.nan
+    with pytest.raises(ValueError, match=rf"`{name}` is nan at index \[3, 0\]"):
+        model.infer(RIGHT._replace(**{name: bad}))
+
+
+def test_infer_wants_sequences(model):
+    with pytest.raises(ValueError, match=r"`rewards` has shape \(1,\): give sequences"):
+        model.infer(Transitions(*(column[0] for column in RIGHT)))
+
+
+def test_outcomes_and_probabilities_name_what_does_not_fit(model):
+    belief = model.infer(RIGHT)
+    for observations, actions, named in (
+        (np.zeros(3), np.zeros(2), "observations"),
+        (np.zeros(2), np.zeros((4, 2)), "actions"),
+        (np.zeros(2), [0.0, np.nan], "actions"),
+    ):
+        with pytest.raises(ValueError, match=rf"`{named}`"):
+            model.predict_outcomes(belief, observations, actions)
+    for arguments in ({"tasks": [[np.nan, 0.0]]}, {"tasks": [[0.0, 0.0]], "log_prior": [np.nan]}):
+        with pytest.raises(ValueError, match=rf"`{list(arguments)[-1]}` is .*nan"):
+            model.task_probabilities(belief, **arguments)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"learning_rate": np.nan},
+        {"learning_rate": -1.0},
+        {"learning_rate": np.inf},
+        {"gamma": np.nan},
+        {"gamma": 1.5},
+        {"tau": np.nan},
+        {"ent_coef": np.nan},
+        {"target_entropy": np.nan},
+        {"encoder_learning_rate": np.nan},
+        {"encoder_learning_rate": -1e-3},
+        {"encoder_update_ratio": np.nan},
+        {"encoder_tau": np.nan},
+        {"encoder_kwargs": {"flow_kwargs": {"scale": np.nan}}},
+        {"policy_kwargs": {"log_std_init": np.nan}},
+    ],
+    ids=str,
+)
+def test_a_hyperparameter_that_makes_no_sense_is_named_at_construction(wrong):
+    name, value = next(iter(wrong.items()))
+    while isinstance(value, dict):
+        name, value = next(iter(value.items()))
+    with pytest.raises(ValueError, match=rf"`?{name}.*{value}"):
+        make(**wrong)
+
+
+def test_a_recurrent_agent_refuses_bad_states_too():
+    model, seen = make(RecurrentSAC), make_vec_env(POINT, N_ENVS, seed=0).reset()
+    _, state = model.predict(seen)
+    for name, spoil in BAD_STATES.items():
+        if name not in ("None", "negative counts"):
+            with pytest.raises(ValueError, match=r"`state`"):
+                model.predict(seen, spoil(state))

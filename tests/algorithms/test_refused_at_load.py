@@ -1,0 +1,111 @@
+"""An agent or a buffer that would not be what it was is refused, and the model that refuses it stays as it was."""
+
+import copy
+import io
+
+import numpy as np
+import pytest
+import torch as th
+from stable_baselines3 import SAC
+from stable_baselines3.common.env_util import make_vec_env
+
+from sb3_bruno import BrunoSAC, BrunoTD3, BrunoTQC, RecurrentSAC
+from support.tiny_models import POINT, assert_same, tiny
+
+
+def make(algorithm=BrunoSAC, env=POINT, **kwargs):
+    return algorithm("MlpPolicy", make_vec_env(env, 2, seed=0), **tiny(algorithm, **kwargs))
+
+
+@pytest.fixture(scope="module")
+def trained():
+    return make().learn(60)
+
+
+def saved(model):
+    file = io.BytesIO()
+    model.save(file)
+    return file
+
+
+class OwnSAC(BrunoSAC):
+    """A user's own class."""
+
+
+@pytest.mark.parametrize("other", [BrunoTQC, BrunoTD3, RecurrentSAC])
+def test_another_algorithm_does_not_load_it(trained, other):
+    with pytest.raises(ValueError, match=r"BrunoSAC.load|class that saved it"):
+        other.load(saved(trained))
+
+
+def test_a_recurrent_agent_is_not_loaded_as_another():
+    with pytest.raises(ValueError, match=r"saved by RecurrentSAC, not by BrunoSAC: use `RecurrentSAC.load`"):
+        BrunoSAC.load(saved(make(RecurrentSAC)))
+    with pytest.raises(ValueError, match="class that saved it"):
+        BrunoSAC.load(saved(SAC("MlpPolicy", "Pendulum-v1")))
+
+
+def test_a_class_made_from_another_loads_what_that_saved_and_the_reverse(trained):
+    assert isinstance(OwnSAC.load(saved(trained)), OwnSAC)
+    assert isinstance(BrunoSAC.load(saved(make(OwnSAC))), BrunoSAC)
+
+
+@pytest.mark.parametrize("part", ["actor", "critic_target", "encoder", "log_ent_coef", "encoder_optimizer"])
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_numbers_that_are_not_finite_are_refused_at_load(trained, part, number):
+    model = BrunoSAC.load(saved(trained), make_vec_env(POINT, 2, seed=0))
+    if part == "log_ent_coef":
+        model.log_ent_coef.data.fill_(number)
+    elif part == "encoder_optimizer":
+        next(iter(model.encoder_optimizer.state.values()))["exp_avg"].fill_(number)
+    else:
+        next(getattr(model.policy, part).parameters()).data[0] = number
+    with pytest.raises(ValueError, match=rf"parameter `.*{part}.*` holds a number that is not finite"):
+        BrunoSAC.load(saved(model))
+
+
+def test_refused_parameters_leave_the_model_as_it_was(trained):
+    model = BrunoSAC.load(saved(trained), make_vec_env(POINT, 2, seed=0))
+    before = copy.deepcopy(model.get_parameters())
+    other = {
+        name: {key: value + 1 if isinstance(value, th.Tensor) else value for key, value in part.items()}
+        for name, part in copy.deepcopy(before).items()
+    }
+    broken = {
+        "a missing part": {name: part for name, part in other.items() if name != "encoder_optimizer"},
+        "an unknown part": {**other, "nothing": {}},
+        "a missing key": {**other, "policy": dict(list(other["policy"].items())[:-1])},
+        "another shape": {**other, "policy": {key: th.zeros(3, 3) for key in other["policy"]}},
+        "NaN": {**other, "policy": {key: value * th.nan for key, value in other["policy"].items()}},
+    }
+    for name, parameters in broken.items():
+        with pytest.raises((ValueError, RuntimeError, KeyError)):
+            model.set_parameters(parameters)
+        assert_same(model.get_parameters(), before)
+        assert name
+    model.set_parameters(other)
+    assert_same(model.get_parameters()["policy"], other["policy"])
+
+
+@pytest.mark.parametrize("fill", [{"env": "sb3_bruno_envs:CheetahDir-v0"}, {"env": POINT, "algorithm": RecurrentSAC}])
+def test_a_buffer_that_cannot_serve_leaves_the_models_own(trained, tmp_path, fill):
+    other = make(**fill).learn(50)
+    other.save_replay_buffer(tmp_path / "buffer.pkl")
+    model = make(RecurrentSAC) if fill["env"] != POINT else make(replay_buffer_kwargs={"context": "episode"})
+    own = model.replay_buffer
+    if fill["env"] == POINT:
+        model.load_replay_buffer(tmp_path / "buffer.pkl")  # episodes serve both
+        return
+    with pytest.raises(ValueError, match=r"replay buffer .*load its own buffer"):
+        model.load_replay_buffer(tmp_path / "buffer.pkl")
+    assert model.replay_buffer is own
+
+
+def test_a_buffer_of_another_family_of_equal_sizes_is_refused(trained, tmp_path):
+    trained.save_replay_buffer(tmp_path / "buffer.pkl")
+    model = make(env="sb3_bruno_envs:SparsePointGoal-v0")
+    assert model.observation_space["observation"].shape == trained.observation_space["observation"].shape
+    with pytest.raises(ValueError, match="filled in PointDir-v0, and the env is SparsePointGoal-v0"):
+        model.load_replay_buffer(tmp_path / "buffer.pkl")
+    assert model.replay_buffer.size() == 0
+    model.learn(50)
