@@ -56,8 +56,13 @@ class TaskSet:
             )
         both = np.concatenate([self._train, self._test])  # (n + m, dim)
         self.space = Box(both.min(axis=0), both.max(axis=0)) if space is None else _task_box(space)
-        for task in both:
+        outside = ~((self.space.low <= both) & (both <= self.space.high)).all(axis=1)
+        for task in both[outside][:1]:
             check_task(task, self.space, "a task of the set")
+        self._orders = {
+            "train": _keys(self._train).argsort(kind="stable"),
+            "test": _keys(self._test).argsort(kind="stable"),
+        }
         bounds = Box(self._train.min(axis=0), self._train.max(axis=0))
         self.train_box = bounds if train_box is None else _task_box(train_box)
         if self.train_box.shape != bounds.shape or not self.inside_train_box(self._train).all():
@@ -83,6 +88,18 @@ class TaskSet:
         """Return all tasks of a split, ``(n, dim)``, in the given order; read-only."""
         check_split(split)
         return self._train if split == "train" else self._test
+
+    def index(self, task: ArrayLike, split: Split = "train") -> int:
+        """Return the first row of a split's tasks that equals ``task``, or -1; by bisection, for there may be many.
+
+        Example:
+            >>> TaskSet([[5.0], [3.0], [5.0]]).index([5.0])
+            0
+        """
+        keys, order = _keys(self.tasks(split)), self._orders[split]
+        (wanted,) = _keys(np.asarray(task, dtype=np.float32)[None])
+        place = int(np.searchsorted(keys, wanted, sorter=order))
+        return int(order[place]) if place < len(order) and keys[order[place]] == wanted else -1
 
     def draw(self, rng: np.random.Generator, split: Split = "train") -> Task:
         """Draw a task of the split, ``(dim,)``, each as likely as the others."""
@@ -204,6 +221,12 @@ def _task_matrix(tasks: ArrayLike, name: str) -> NDArray[np.float32]:
         raise ValueError(f"{name} tasks hold NaN or infinity in rows {bad}: remove these rows.")
     matrix.setflags(write=False)
     return matrix
+
+
+def _keys(tasks: NDArray[np.float32]) -> NDArray[np.void]:
+    """View rows ``(n, dim)`` as keys to sort and compare by, ``(n,)``."""
+    rows = np.ascontiguousarray(tasks + np.float32(0.0))  # which makes -0.0 and 0.0 the same task
+    return rows.view(np.dtype((np.void, rows.itemsize * rows.shape[1]))).ravel()
 
 
 def _task_box(space: Box) -> Box:

@@ -15,7 +15,7 @@ class EncodedSequences:
 
     Args:
         samples: every entry of shape (n_sequences, time, dim).
-        lengths: how many steps of each row are real, shape (n_sequences,).
+        is_read: which steps of each row are to be read, shape (n_sequences, time).
         rng: shuffles the steps of each row.
         gradient: takes the gradient of a loss back to the beliefs in the samples; None where no loss teaches them.
     """
@@ -23,16 +23,14 @@ class EncodedSequences:
     def __init__(
         self,
         samples: ReplayBufferSamples,
-        lengths: NDArray[np.int64],
+        is_read: NDArray[np.bool_],
         rng: np.random.Generator,
         gradient: BeliefGradient | None = None,
     ) -> None:
         self.gradient = gradient
         self._samples = samples
-        self._lengths = lengths
-        shape = tuple(samples.rewards.shape[:2])
-        padding = np.arange(shape[1]) >= lengths[:, None]
-        self._order = np.argsort(rng.random(shape) + padding, axis=1)  # real steps first, shuffled
+        self._lengths = is_read.sum(axis=1)
+        self._order = np.argsort(rng.random(is_read.shape) + ~is_read, axis=1)  # those to be read first, shuffled
         self._n_read = 0
 
     def has(self, n_sequences: int, per_row: int) -> bool:

@@ -18,8 +18,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.buffers.critic_gradient import BeliefGradient
 from sb3_bruno.buffers.encoded_sequences import EncodedSequences
-from sb3_bruno.buffers.episode_index import Slots
 from sb3_bruno.buffers.extended_obs import ExtendedObs
+from sb3_bruno.buffers.long_episodes import EpisodeRows
 from sb3_bruno.buffers.task_ring import TaskRing
 from sb3_bruno.buffers.transfer import to_device
 from sb3_bruno.encoders import TaskEncoder, TaskSequences, Transitions
@@ -50,7 +50,9 @@ class TaskReplayBuffer(TaskRing):
     - ``"iid"``: drawn from all transitions of the task, none twice if there are enough (the paper: with replacement)
     - ``"recent"``: the same, from the task's last ``n_recent`` transitions
     - ``"episode"``: what the agent had itself seen at that step, in its order (an episode whose first rows were
-      overwritten begins at the first that is left). Of a ``Trial``, all its inner episodes are one
+      overwritten begins at the first that is left). Of a ``Trial``, all its inner episodes are one. Of an episode of
+      more than 384 steps, 128 in a row are read, after 256 of the earlier ones, each of which counts for several; an
+      encoder that reads in order reads all
 
     Args:
         buffer_size: number of transitions, over all environments.
@@ -185,8 +187,8 @@ class TaskReplayBuffer(TaskRing):
         self._encoded = None
 
     def _encode(self, encoder: TaskEncoder, n_sequences: int, env: VecNormalize | None) -> EncodedSequences:
-        slots, drawn, lengths = self._context_slots(n_sequences)
-        sequences = self._sequences(slots, drawn, lengths, env)
+        rows, drawn = self._context_rows(n_sequences)
+        slots, sequences = rows.slots, self._sequences(rows, drawn, env)
         transitions, tasks, weights = sequences
         gradient = None
         if encoder.learns_from == "own":
@@ -221,8 +223,7 @@ class TaskReplayBuffer(TaskRing):
             dones=done,
             rewards=rewards,
         )
-        lengths = np.full(n_sequences, slots.shape[1]) if lengths is None else lengths
-        return EncodedSequences(samples, lengths, self.rng, gradient)
+        return EncodedSequences(samples, rows.is_read, self.rng, gradient)
 
     def sample_sequences(self, n_sequences: int, env: VecNormalize | None = None) -> TaskSequences:
         """Sample sequences of transitions of one task each: what the encoder learns from.
@@ -235,27 +236,27 @@ class TaskReplayBuffer(TaskRing):
             RuntimeError: if the buffer is empty.
         """
         if self._encoder is not None and self._encoder.order == "time":
-            return self._sequences(*self._context_slots(n_sequences), env)
-        return self._sequences(*self._exchangeable_slots(n_sequences), None, env)
+            return self._sequences(*self._context_rows(n_sequences), env)
+        return self._sequences(*self._exchangeable_rows(n_sequences), env)
 
-    def _sequences(
-        self, slots: Slots, tasks: NDArray[np.float32], lengths: Slots | None, env: VecNormalize | None
-    ) -> TaskSequences:
-        """Gather sequences; ``lengths`` of episodes, which hold padding and what was never absorbed."""
-        time = slots.shape[1]
+    def _sequences(self, rows: EpisodeRows, tasks: NDArray[np.float32], env: VecNormalize | None) -> TaskSequences:
+        """Gather sequences. Of episodes, a transition weighs as many as it tells of, and 0 if it was never absorbed."""
+        slots, time = rows.slots, rows.slots.shape[1]
         columns = np.broadcast_to(tasks[:, None], (len(slots), time, tasks.shape[1]))
         *transitions, task = to_device([*self.observed(slots, env), columns], self.device)
         weights = None
-        if lengths is not None:
-            weights = self.to_torch(self.absorbed(slots) & (np.arange(time) < lengths[:, None])).float()
+        if rows.counts is not None:
+            weights = self.to_torch(self.absorbed(slots) * rows.counts)
         return TaskSequences(Transitions(*transitions), task[:, 0], weights)
 
-    def _context_slots(self, n_sequences: int) -> tuple[Slots, NDArray[np.float32], Slots | None]:
-        """Slots (n_sequences, time), tasks (n_sequences, task_dim), of episodes their lengths (n_sequences,)."""
+    def _context_rows(self, n_sequences: int) -> tuple[EpisodeRows, NDArray[np.float32]]:
+        """Draw rows (n_sequences, time) and their tasks (n_sequences, task_dim)."""
         if self.context == "episode":
-            return self.episode_slots(n_sequences)
-        return *self._exchangeable_slots(n_sequences), None
+            bounded = self._encoder is not None and self._encoder.order == "any"
+            return self.episode_rows(n_sequences, bounded=bounded)
+        return self._exchangeable_rows(n_sequences)
 
-    def _exchangeable_slots(self, n_sequences: int) -> tuple[Slots, NDArray[np.float32]]:
+    def _exchangeable_rows(self, n_sequences: int) -> tuple[EpisodeRows, NDArray[np.float32]]:
         n_recent = self.n_recent if self.context == "recent" else None
-        return self.exchangeable_slots(n_sequences, self.sequence_length, n_recent)
+        slots, tasks = self.exchangeable_slots(n_sequences, self.sequence_length, n_recent)
+        return EpisodeRows(slots, None, np.ones(slots.shape, dtype=bool)), tasks

@@ -12,18 +12,27 @@ class SlotQueue:
     """Keeps the slots of one task, oldest first: first in, first out, with random access.
 
     Args:
-        task: the task vector, shape (task_dim,).
+        key: the bytes of the task vector.
         number: the queue's place among all queues of its index.
+        place: its place among those that hold a slot.
     """
 
-    def __init__(self, task: NDArray[np.float32], number: int) -> None:
-        self.task = task
+    __slots__ = ("_head", "_slots", "_tail", "key", "number", "place")  # there may be as many queues as transitions
+
+    def __init__(self, key: bytes, number: int, place: int) -> None:
+        self.key = key
         self.number = number
-        self._slots = np.empty(16, dtype=np.int32)
+        self.place = place
+        self._slots = np.empty(4, dtype=np.int32)
         self._head = self._tail = 0
 
     def __len__(self) -> int:
         return self._tail - self._head
+
+    @property
+    def task(self) -> NDArray[np.float32]:
+        """The task vector, read-only, shape (task_dim,)."""
+        return np.frombuffer(self.key, dtype=np.float32)
 
     @property
     def slots(self) -> NDArray[np.int32]:
@@ -34,7 +43,7 @@ class SlotQueue:
         """Add the newest slot. Out of room, the live slots move to an array of twice their number."""
         if self._tail == len(self._slots):
             live = self.slots
-            self._slots = np.empty(max(2 * len(live), 16), dtype=np.int32)
+            self._slots = np.empty(max(2 * len(live), 4), dtype=np.int32)
             self._slots[: len(live)] = live
             self._head, self._tail = 0, len(live)
         self._slots[self._tail] = slot
@@ -63,7 +72,6 @@ class TaskIndex:
         self._free_numbers: list[int] = []
         self._of_task: dict[bytes, SlotQueue] = {}
         self._live: list[SlotQueue] = []
-        self._place_in_live: dict[int, int] = {}
 
     def __len__(self) -> int:
         """The number of tasks that hold a slot."""
@@ -78,7 +86,8 @@ class TaskIndex:
         """Give ``slot`` to ``task``, taking it from the task that held it."""
         if self._queue_of_slot[slot] >= 0:
             self._evict(self._queues[self._queue_of_slot[slot]])
-        queue = self._of_task.get(task.tobytes()) or self._open(task)
+        key = task.tobytes()
+        queue = self._of_task.get(key) or self._open(key)
         queue.append(slot)
         self._queue_of_slot[slot] = queue.number
 
@@ -90,15 +99,14 @@ class TaskIndex:
         """Draw queues of tasks, uniformly with replacement."""
         return [self._live[i] for i in rng.integers(len(self._live), size=size)]
 
-    def _open(self, task: NDArray[np.float32]) -> SlotQueue:
+    def _open(self, key: bytes) -> SlotQueue:
         number = self._free_numbers.pop() if self._free_numbers else len(self._queues)
-        queue = SlotQueue(task.copy(), number)
+        queue = SlotQueue(key, number, len(self._live))
         if number == len(self._queues):
             self._queues.append(queue)
         else:
             self._queues[number] = queue
-        self._of_task[task.tobytes()] = queue
-        self._place_in_live[number] = len(self._live)
+        self._of_task[key] = queue
         self._live.append(queue)
         return queue
 
@@ -106,10 +114,10 @@ class TaskIndex:
         queue.popleft()
         if len(queue) > 0:
             return
-        del self._of_task[queue.task.tobytes()]
+        del self._of_task[queue.key]
         self._free_numbers.append(queue.number)
         # The last of the live takes the place of the one that goes, so that no list is shifted.
-        place, last = self._place_in_live.pop(queue.number), self._live.pop()
+        last = self._live.pop()
         if last is not queue:
-            self._live[place] = last
-            self._place_in_live[last.number] = place
+            self._live[queue.place] = last
+            last.place = queue.place

@@ -15,6 +15,7 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.buffers.episode_index import EpisodeIndex, Slots
+from sb3_bruno.buffers.long_episodes import EpisodeRows, shortened, whole
 from sb3_bruno.buffers.numbers import check_numbers, place_in_env
 from sb3_bruno.buffers.observed import TransitionArrays, normalize
 from sb3_bruno.buffers.task_index import SlotQueue, TaskIndex
@@ -159,17 +160,21 @@ class TaskRing(ReplayBuffer):
             slots[row] = pool[self.rng.choice(len(pool), length, replace=len(pool) < length)]
         return slots, np.stack([queue.task for queue in queues])
 
-    def episode_slots(self, n_sequences: int) -> tuple[Slots, NDArray[np.float32], Slots]:
+    def episode_rows(self, n_sequences: int, *, bounded: bool) -> tuple[EpisodeRows, NDArray[np.float32]]:
         """Draw an episode each of tasks drawn uniformly with replacement, long ones more often than short ones.
 
+        Args:
+            n_sequences: number of tasks.
+            bounded: whether to take only so many steps of long episodes that a belief may still rest on all of them.
+
         Returns:
-            Slots (n_sequences, longest), rows padded with their last slot, tasks (n_sequences, task_dim), and how many
-            slots of each row are real (n_sequences,).
+            The steps (n_sequences, time), and the tasks (n_sequences, task_dim).
         """
         queues = self._draw_tasks(n_sequences)
         drawn = np.array([queue.slots[self.rng.integers(len(queue))] for queue in queues], dtype=np.int64)
         slots, lengths = self.episodes.holding(drawn)
-        return slots, np.stack([queue.task for queue in queues]), lengths
+        rows = shortened(slots, lengths, drawn, self.rng) if bounded else whole(slots, lengths)
+        return rows, np.stack([queue.task for queue in queues])
 
     def _draw_tasks(self, n_sequences: int) -> list[SlotQueue]:
         if len(self.tasks) == 0:

@@ -50,7 +50,7 @@ class TaskSequences(NamedTuple):
             exchangeable.
         tasks: the true task of each sequence, shape (batch, task_dim). Privileged: for losses, never for beliefs.
         weights: 1 where a transition counts, 0 where it is padding or the agent never absorbed it, shape (batch, time).
-            None: all count.
+            None: all count. For an encoder of order "any", k counts a transition k times.
     """
 
     transitions: Transitions
@@ -121,7 +121,8 @@ class TaskEncoder(nn.Module, ABC, Generic[Memory]):
     def prefixes(self, transitions: Transitions, weights: Tensor | None = None) -> Memory:
         """Make the memories of the first 0, 1, ..., time transitions: (..., time, dim) -> (..., time + 1, ...).
 
-        A transition of weight 1 in weights (..., time) is absorbed, one of weight 0 is not. None: all are.
+        A transition of weight 1 in weights (..., time) is absorbed, one of weight 0 is not. None: all are. An encoder
+        of order "any" absorbs one of weight k as if k times; k need not be whole.
         """
 
     @abstractmethod

@@ -87,12 +87,17 @@ def _check_weights(encoder: TaskEncoder, transitions: Transitions, others: Trans
 
 def _check_order(encoder: TaskEncoder, transitions: Transitions) -> None:
     turned = Transitions(*(column.flip(-2) for column in transitions))
-    if encoder.order == "any" and not _same(
-        encoder, _at(encoder.prefixes(transitions), -1), _at(encoder.prefixes(turned), -1)
-    ):
+    if encoder.order != "any":
+        return
+    once = encoder.prefixes(transitions)
+    if not _same(encoder, _at(once, -1), _at(encoder.prefixes(turned), -1)):
         raise ValueError(
             "`order = 'any'`, but the belief depends on the order of the transitions: set `order = 'time'`."
         )
+    twice = encoder.prefixes(Transitions(*(column.repeat_interleave(2, dim=-2) for column in transitions)))
+    weighed = encoder.prefixes(transitions, th.full((_BATCH, _TIME), 2.0, dtype=th.float64))
+    if not _same(encoder, map_memory(lambda states: states[:, ::2], twice), weighed):
+        raise ValueError("`prefixes` does not take a transition of weight 2 as if there were two: multiply its part.")
 
 
 def _check_learning(encoder: TaskEncoder, transitions: Transitions) -> None:

@@ -139,20 +139,20 @@ class ExchangeableGaussian(nn.Module):
 
         Args:
             z: latents, ``(..., time, dim)``.
-            weights: ``(..., time)``; 1 counts a latent and 0 leaves it out. None counts all.
+            weights: ``(..., time)``; k counts a latent k times and 0 leaves it out. None counts all.
 
         Returns:
             Statistics ``(..., time + 1, dim)``. Entry t depends on ``z[..., :t, :]`` and not on ``z[..., t:, :]``.
         """
         counted = _counted(z, weights)
         n, total = (F.pad(summand.cumsum(dim=-2), (0, 0, 1, 0)) for summand in (counted, counted * z))
-        added = counted * self._added_scatter(n[..., :-1, :], total[..., :-1, :], z)
+        added = self._added_scatter(n[..., :-1, :], total[..., :-1, :], z, counted)
         return Statistics(n, total, F.pad(added.cumsum(dim=-2), (0, 0, 1, 0)))
 
     @staticmethod
-    def _added_scatter(n: Tensor, total: Tensor, z: Tensor) -> Tensor:
-        """Return what one more latent adds to W, (n z - S1)^2 / (n (n + 1)): ``Statistics.merge`` with one latent."""
-        return (n * z - total).square() / (n * (n + 1)).clamp(min=1)
+    def _added_scatter(n: Tensor, total: Tensor, z: Tensor, k: Tensor | float = 1.0) -> Tensor:
+        """Return what one more latent, k times, adds to W: k (n z - S1)^2 / (n (n + k)), by ``Statistics.merge``."""
+        return k * (n * z - total).square() / (n * (n + k)).clamp(min=1e-12)
 
     def posterior_moments(self, statistics: Statistics) -> tuple[Tensor, Tensor]:
         """Return mu_n and var_n of theta | z_1..z_n, ``(..., dim)`` each, without building the distribution."""

@@ -2,7 +2,6 @@
 
 from copy import deepcopy
 
-import numpy as np
 import pytest
 import torch as th
 from stable_baselines3.common.env_util import make_vec_env
@@ -226,8 +225,8 @@ def test_the_target_encoder_follows_slowly_and_makes_the_next_beliefs():
     for old, fast, slow in zip(before, model.encoder.parameters(), target.parameters(), strict=True):
         th.testing.assert_close(slow, 0.75 * old + 0.25 * fast)
         assert not slow.requires_grad
-    slots, _, _ = model.replay_buffer.episode_slots(1)
-    model.replay_buffer.episode_slots = lambda n: (slots, np.zeros((1, 2), np.float32), np.array([slots.shape[1]]))
+    (slots, *_), _ = drawn = model.replay_buffer.episode_rows(1, bounded=False)
+    model.replay_buffer.episode_rows = lambda n, bounded: drawn
     samples = model.replay_buffer.sample(slots.shape[1])
     layout, transitions = model.policy.layout, model.replay_buffer.transitions(slots)
     order = samples.observations[:, :2].detach()

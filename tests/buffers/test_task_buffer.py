@@ -163,11 +163,11 @@ def test_no_belief_rests_on_the_transition_that_it_is_used_at(context):
     for step in range(60):
         stream.add([step % 2])  # thirty of each
     for _ in range(20):
-        slots, _ = stream.buffer._exchangeable_slots(2)
+        slots = stream.buffer._exchangeable_rows(2)[0].slots
         assert all(len(set(row)) == 20 for row in slots.tolist())
     few = Stream(context=context, n_sequences=2, sequence_length=20, n_recent=25)
     few.add([0]).add([0])
-    assert set(few.buffer._exchangeable_slots(2)[0].ravel()) == {0, 1}  # too few: some are drawn more than once
+    assert set(few.buffer._exchangeable_rows(2)[0].slots.ravel()) == {0, 1}  # too few: some are drawn more than once
 
 
 def test_samples_rest_on_the_encoder_of_the_moment():

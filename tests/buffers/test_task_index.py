@@ -34,7 +34,7 @@ def test_an_endless_stream_of_tasks_leaves_nothing_behind():
         index.put(i % 10, vector(i))
     assert len(index) == 10
     assert len(index._queues) <= 11
-    assert len(index._of_task) == len(index._place_in_live) == 10
+    assert len(index._of_task) == len(index._live) == 10
 
 
 def test_a_long_lived_queue_keeps_to_its_size():

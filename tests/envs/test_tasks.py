@@ -157,3 +157,11 @@ def test_whatever_a_user_passes_becomes_a_distribution():
 def test_a_given_space_replaces_the_distributions_own(tasks):
     wide = Box(-9.0, 9.0, (1,))
     assert as_task_distribution(tasks, wide).space == wide
+
+
+@given(st.lists(st.lists(st.sampled_from([-1.0, -0.0, 0.0, 0.5, 3.0]), min_size=2, max_size=2), min_size=1, max_size=9))
+def test_the_index_of_a_task_is_its_first_row(rows):
+    tasks = TaskSet(rows, [[3.0, 3.0]], space=Box(-5.0, 5.0, (2,)))
+    for row in [*rows, [-1.0, 4.0]]:
+        assert tasks.index(row) == (rows.index(row) if row in rows else -1)
+    assert tasks.index([3.0, 3.0], "test") == 0

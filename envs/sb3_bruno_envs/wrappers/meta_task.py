@@ -151,10 +151,7 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def _index_of(self, task: Task) -> int:
         """Return the first row of the split's finite set that equals ``task``, or -1."""
-        if not isinstance(self._distribution, TaskSet):
-            return -1
-        rows = np.flatnonzero((self._distribution.tasks(self._split) == task).all(axis=1))
-        return int(rows[0]) if rows.size else -1
+        return self._distribution.index(task, self._split) if isinstance(self._distribution, TaskSet) else -1
 
     def _with_task(self, info: dict[str, Any]) -> dict[str, Any]:
         return {**info, "task": self.task, "task_index": self._task_index}
