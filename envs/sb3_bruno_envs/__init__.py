@@ -16,6 +16,7 @@ from sb3_bruno_envs.mujoco.half_cheetah import (
     CheetahVelEnv,
     MetaHalfCheetahEnv,
 )
+from sb3_bruno_envs.mujoco.physics import scale_physics
 from sb3_bruno_envs.registration import register_envs, register_family
 from sb3_bruno_envs.tasks import TaskSampler, TaskSet, as_task_distribution
 from sb3_bruno_envs.wrappers.meta_task import MetaTask
@@ -51,6 +52,7 @@ __all__ = [
     "check_meta_env",
     "point_goal_tasks",
     "register_family",
+    "scale_physics",
 ]
 
 register_envs()

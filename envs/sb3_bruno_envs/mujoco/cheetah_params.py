@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.mujoco.half_cheetah import MetaHalfCheetahEnv
+from sb3_bruno_envs.mujoco.physics import scale_physics
 from sb3_bruno_envs.tasks import TaskSet
 
 
@@ -43,13 +44,7 @@ class CheetahParamsEnv(MetaHalfCheetahEnv):
             raise ValueError(f"task={task!r} is invalid: give four finite factors, the first three above 0.")
         self.factors = factors
         mass, damping, friction, strength = factors
-        model, original = self.model, self.original_model  # factors of one task never meet those of another
-        model.body_mass[:] = mass * original.body_mass
-        model.body_inertia[:] = mass * original.body_inertia
-        model.dof_damping[:] = damping * original.dof_damping
-        model.geom_friction[:, 0] = friction * original.geom_friction[:, 0]
-        model.actuator_gear[:] = strength * original.actuator_gear
-        self.refresh_constants()
+        scale_physics(self, mass=mass, damping=damping, friction=friction, gear=strength)
 
     def progress(self, x_velocity: float) -> float:
         """Return the forward velocity, m/s."""

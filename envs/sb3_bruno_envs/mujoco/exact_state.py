@@ -11,6 +11,8 @@ import numpy as np
 from gymnasium.envs.mujoco import MujocoEnv
 from numpy.typing import NDArray
 
+from sb3_bruno_envs.mujoco.physics import derive_constants
+
 Numbers: TypeAlias = dict[str, NDArray[Any]]  # of a MuJoCo struct, by the name of their field
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION  # all that the physics of the next step depend on, the warm start too
@@ -25,8 +27,7 @@ class ExactState(MujocoEnv):
         >>> class HeavyAntEnv(ExactState, AntEnv):
         ...     def __init__(self, factor, **kwargs):
         ...         super().__init__(**kwargs)
-        ...         self.model.body_mass[:] = factor * self.original_model.body_mass
-        ...         self.refresh_constants()
+        ...         scale_physics(self, mass=factor)
 
     A pickle holds the attributes, the state of the physics, what the last step left in ``data``, and the numbers of
     the model that changed since it was built. Do not keep views of ``model`` or ``data`` in attributes: a copy's views
@@ -57,7 +58,7 @@ class ExactState(MujocoEnv):
             model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
             data = mujoco.MjData(model)
             mujoco.mj_setTotalmass(model, float(total_mass))
-            derive_constants(model, data)
+            derive_constants(model)
             frame = model.vis.global_  # the offscreen image, at least as large as the one to render
             frame.offwidth = max(frame.offwidth, self.width)
             frame.offheight = max(frame.offheight, self.height)
@@ -65,11 +66,11 @@ class ExactState(MujocoEnv):
         return model, data
 
     def refresh_constants(self) -> None:
-        """Compute what follows from changed numbers of the model; the state of the episode stays."""
-        physics = self._physics()
-        derive_constants(self.model, self.data)
-        mujoco.mj_setState(self.model, self.data, physics, _STATE)
-        mujoco.mj_forward(self.model, self.data)  # poses to render
+        """Compute what follows from changed numbers of the model; the state of the episode stays.
+
+        ``scale_physics`` has done so already.
+        """
+        derive_constants(self.model)
 
     def _physics(self) -> NDArray[np.float64]:
         """Return the state of the physics, ``(state_dim,)``."""
@@ -100,14 +101,6 @@ class ExactState(MujocoEnv):
         mujoco.mj_setState(self.model, self.data, state["physics"], _STATE)
         mujoco.mj_forward(self.model, self.data)  # contacts to look at; the next step computes them again
         _write(self.data, state["left_by_the_last_step"])
-
-
-def derive_constants(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Compute what MuJoCo's compiler derives from the masses; leaves ``data`` in another state."""
-    mujoco.mj_setConst(model, data)
-    masses = model.body_mass[1:]  # kg; body 0 is the world
-    model.stat.meanmass = masses.cumsum()[-1] / len(masses)  # summed in the compiler's order, to the bit
-    model.stat.meaninertia = model.dof_M0.mean()  # read by the solver; not set by mj_setConst
 
 
 def _parts(model: mujoco.MjModel) -> tuple[Any, ...]:

@@ -3,7 +3,6 @@
 import pickle
 
 import gymnasium as gym
-import mujoco
 import numpy as np
 import pytest
 from gymnasium.envs.mujoco.ant_v5 import AntEnv
@@ -12,7 +11,8 @@ from gymnasium.envs.mujoco.hopper_v5 import HopperEnv
 from gymnasium.envs.mujoco.humanoid_v5 import HumanoidEnv
 from gymnasium.envs.mujoco.walker2d_v5 import Walker2dEnv
 
-from sb3_bruno_envs.mujoco.exact_state import ExactState, derive_constants
+from sb3_bruno_envs.mujoco.exact_state import ExactState
+from sb3_bruno_envs.mujoco.physics import derive_constants
 
 pytestmark = pytest.mark.mujoco
 
@@ -155,7 +155,7 @@ def test_a_copy_renders_its_own_simulation():
 @robots
 def test_constants_derived_from_an_untouched_body_are_those_it_has(robot, env_id):
     env = robot()
-    derive_constants(env.model, env.data)
+    derive_constants(env.model)
     assert_same_numbers(env.model, env.original_model)
 
 
@@ -165,7 +165,6 @@ def test_refreshed_constants_leave_the_episode_where_it_was(robot, env_id):
     for each in (env, again):
         each.reset(seed=0)
         rollout(each, 10)
-    mujoco.mj_forward(env.model, env.data)  # poses of the present state: a step leaves those before it
     again.refresh_constants()
     np.testing.assert_array_equal(rollout(again, 20), rollout(env, 20))
 
