@@ -20,6 +20,7 @@ import shlex
 import sys
 from collections.abc import Callable
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -74,31 +75,8 @@ def pendulum_gravity(agent: str, split: str) -> gym.Env[Any, Any]:
     return observed(MetaTask(gym.make("Pendulum-v1"), set_gravity, tasks, split=split), agent)
 
 
-class HiddenGoal(gym.Wrapper[Any, Any, Any, Any]):
-    """Puts FetchReach's goal where the task says, relative to where the gripper starts, and shows the arm alone."""
-
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        super().__init__(env)
-        self.observation_space = env.observation_space["observation"]
-        self.offset = np.zeros(3)
-
-    @property
-    def unwrapped(self) -> Any:
-        return self  # so that the task is set here, and the goal after the reset, which draws one
-
-    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
-        observation, info = self.env.reset(**kwargs)
-        fetch: Any = self.env.unwrapped
-        fetch.goal = fetch.initial_gripper_xpos[:3] + self.offset
-        return observation["observation"], info
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        observation, *rest = self.env.step(action)
-        return observation["observation"], *rest
-
-
 def fetch_reach(agent: str, split: str) -> gym.Env[Any, Any]:
-    """Hide the goal of gymnasium-robotics' FetchReach, with its dense reward."""
+    """Hide the goal of gymnasium-robotics' FetchReach, with its dense reward, and show the arm alone."""
     import gymnasium_robotics
 
     gym.register_envs(gymnasium_robotics)
@@ -106,9 +84,12 @@ def fetch_reach(agent: str, split: str) -> gym.Env[Any, Any]:
     tasks = TaskSet(offsets[:100], offsets[100:], space=Box(-0.15, 0.15, (3,)))
 
     def set_goal(fetch: Any, task: NDArray[np.float32]) -> None:
-        fetch.offset = np.array(task, dtype=np.float64)
+        fetch.goal = fetch.initial_gripper_xpos[:3] + task  # from where the gripper starts
 
-    return observed(MetaTask(HiddenGoal(gym.make("FetchReachDense-v4")), set_goal, tasks, split=split), agent)
+    fetch = gym.make("FetchReachDense-v4")
+    spaces: Any = fetch.observation_space
+    arm = gym.wrappers.TransformObservation(fetch, itemgetter("observation"), spaces["observation"])
+    return observed(MetaTask(arm, set_goal, tasks, split=split, when="after_reset"), agent)  # the reset draws a goal
 
 
 FAMILIES: dict[str, Callable[[str, str], gym.Env[Any, Any]]] = {

@@ -22,6 +22,7 @@ from sb3_bruno_envs.tasks import (
 )
 
 Draw: TypeAlias = Literal["random", "cycle", "fixed"]
+When: TypeAlias = Literal["before_reset", "after_reset"]
 
 _TASK_STREAM = 1909  # spawn key of the task generator; an environment's own children have 0, 1, 2, ...
 
@@ -29,22 +30,28 @@ _TASK_STREAM = 1909  # spawn key of the task generator; an environment's own chi
 class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Gives a task at every reset: a drawn one, or the one in ``reset(options={"task": task})``.
 
-    The task is applied to ``env.unwrapped`` before the environment resets. It is privileged: the observation
-    never shows it, but every reset and step names it in ``info["task"]`` (float32, ``(dim,)``) and
-    ``info["task_index"]`` (its row in the split's finite set, or -1).
+    ``apply_task`` writes the task into the environment, by default into ``env.unwrapped`` and before it resets. The task
+    is privileged: the observation never shows it, but every reset and step names it in ``info["task"]`` (float32,
+    ``(dim,)``) and ``info["task_index"]`` (its row in the split's finite set, or -1).
 
     Tasks come from a generator of their own, spawned from the reset seed. It shares no number with the
     environment's generator, so the first observation says nothing about the task.
 
     Args:
         env: the environment.
-        apply_task: called as ``apply_task(env.unwrapped, task)``; needed as soon as ``tasks`` is given.
+        apply_task: called as ``apply_task(env.unwrapped, task)``; needed as soon as ``tasks`` is given. It writes all
+            that the task means, and never a change relative to the last task.
         tasks: a TaskSet, a TaskSampler, an array-like ``(n, dim)``, a callable that draws a task from a
             generator, or None: the one constant task ``[0]``.
         split: ``"train"`` or ``"test"``.
         draw: ``"random"``; ``"cycle"``, in order from the first; or ``"fixed"``, which keeps the first task that is
             drawn, or the last that options gave. A reset with a seed starts each of these anew.
         task_space: the Box that holds every task, also those given by options; None is that of ``tasks``.
+        when: ``"before_reset"``, or ``"after_reset"`` for an environment whose reset would overwrite the task, as one
+            that draws its goal there. The reset's observation then was made before the task was applied. If it shows
+            what the task changes, ``apply_task`` returns the new first observation, else None.
+        unwrap: False calls ``apply_task(env, task)`` with the wrappers inside this one, if one of them keeps what the
+            task changes: ``env.set_wrapper_attr(name, value)`` reaches it.
 
     Raises:
         ValueError: if an argument is invalid, endless tasks should cycle, or a task is outside ``task_space``.
@@ -64,10 +71,14 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         split: Split = "train",
         draw: Draw = "random",
         task_space: Box | None = None,
+        when: When = "before_reset",
+        unwrap: bool = True,
     ) -> None:
         check_split(split)
         if draw not in get_args(Draw):
             raise ValueError(f"draw={draw!r} is unknown: use 'random', 'cycle' or 'fixed'.")
+        if when not in get_args(When):
+            raise ValueError(f"when={when!r} is unknown: use 'before_reset' or 'after_reset'.")
         if apply_task is None and tasks is not None:
             raise ValueError("apply_task=None cannot set the given tasks: pass apply_task(env.unwrapped, task).")
         distribution = as_task_distribution(tasks, task_space)
@@ -75,13 +86,22 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             raise ValueError("draw='cycle' needs finite tasks: use draw='random', or give an array (n, dim).")
         recorded = None if tasks is None else distribution
         RecordConstructorArgs.__init__(
-            self, apply_task=apply_task, tasks=recorded, split=split, draw=draw, task_space=task_space
+            self,
+            apply_task=apply_task,
+            tasks=recorded,
+            split=split,
+            draw=draw,
+            task_space=task_space,
+            when=when,
+            unwrap=unwrap,
         )
         super().__init__(env)
         self._apply_task = apply_task
         self._distribution = distribution
         self._split: Split = split
         self._draw: Draw = draw
+        self._when: When = when
+        self._unwrap = unwrap
         self._task: Task | None = None  # of the current episode
         self._task_index = -1
         self._kept: Task | None = None  # the task that draw="fixed" gives again
@@ -109,10 +129,11 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return self._task.copy()
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Choose the task, apply it, then reset the environment; options other than ``"task"`` go on to it.
+        """Choose the task, apply it and reset the environment; options other than ``"task"`` go on to it.
 
         Raises:
-            ValueError: if the task in ``options`` is outside ``task_space``.
+            ValueError: if the task in ``options`` is outside ``task_space``, or ``apply_task`` returned after the reset
+                what is no observation.
         """
         options = dict(options or {})
         given = options.pop("task", None)
@@ -124,15 +145,37 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._task_index = self._index_of(self._task)
         if self._draw == "fixed":
             self._kept = self._task
-        if self._apply_task is not None:
-            self._apply_task(self.env.unwrapped, self.task)
+        if self._when == "before_reset":
+            self._apply()
         observation, info = self.env.reset(seed=seed, options=options or None)
+        if self._when == "after_reset":
+            observation = self._apply_late(observation)
         return observation, self._with_task(info)
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Step the environment; the info of an episode's last step still names that episode's task."""
         observation, reward, terminated, truncated, info = self.env.step(action)
+        if self._when == "after_reset" and "final_observation" in info:  # Trial has reset the environment
+            observation = self._apply_late(observation)
         return observation, reward, terminated, truncated, self._with_task(info)
+
+    def _apply(self) -> Any:
+        """Apply the task; return what ``apply_task`` returned."""
+        if self._apply_task is None:
+            return None
+        return self._apply_task(self.env.unwrapped if self._unwrap else self.env, self.task)
+
+    def _apply_late(self, observation: Any) -> Any:
+        """Apply the task after a reset; return the first observation, that of ``apply_task`` if it gives one."""
+        new = self._apply()
+        if new is None:
+            return observation
+        if not isinstance(new, type(observation)) or np.shape(new) != np.shape(observation):
+            raise ValueError(
+                f"apply_task returned {new!r}, no observation of {self.env}: return the first observation that shows "
+                "the task's effect, or None if the reset's is still right."
+            )
+        return new
 
     def _restart_drawing(self, seed: int | None) -> None:
         self._rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_TASK_STREAM,)))
