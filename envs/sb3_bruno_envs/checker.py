@@ -1,10 +1,11 @@
 """Says whether an environment keeps the contract that task inference rests on; knows no algorithm.
 
-The contract: a Dict observation that shows the last transition, and a task that ``info`` alone names.
+The contract: a Dict observation that shows the last transition, and a task in force that ``info`` alone names.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any, TypeAlias
 
@@ -13,18 +14,20 @@ import numpy as np
 from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 
+from sb3_bruno_envs.task_effect import find_task_without_effect
+from sb3_bruno_envs.task_secrecy import SEEDS, Remark, find_leaks, start
+
 Env: TypeAlias = gym.Env[Any, Any]
 
 _KEYS = ("action", "episode_start", "observation", "reward")
-_SEEDS = range(100)
-_SUSPECT_CORRELATION = 0.5  # five standard deviations, for 100 independent pairs
 _WRAP = "wrap the environment in TransitionObservation, above any wrapper that changes actions or rewards"
 
 
 def check_meta_env(env: Env, *, max_steps: int = 1000) -> None:
     """Raise a ValueError that lists everything wrong with ``env``, each with its remedy.
 
-    Runs one episode of random actions and about a hundred resets.
+    Runs one episode of random actions, about a hundred resets, and episodes of several tasks in turn. Warns of a first
+    observation that tells the task by the physics of the reset.
 
     Args:
         env: the environment as an agent gets it, with all its wrappers.
@@ -40,9 +43,10 @@ def check_meta_env(env: Env, *, max_steps: int = 1000) -> None:
         "its spaces": lambda: _check_spaces(env),
         "its task space": lambda: _check_task_space(env),
         "an episode": lambda: _check_episode(env, max_steps),
+        "episodes of several tasks": lambda: _check_effect(env),
         "resets with the same seed": lambda: _check_seed(env),
         "reset(options={'task': task})": lambda: _check_options(env),
-        "resets with many seeds": lambda: _check_secrecy(env),
+        "resets with many seeds": lambda: find_leaks(env),
     }
     problems: list[str] = []
     for name, check in checks.items():
@@ -50,6 +54,9 @@ def check_meta_env(env: Env, *, max_steps: int = 1000) -> None:
             problems.extend(check())
         except Exception as error:  # the environment is foreign code: whatever it raises is a finding
             problems.append(f"{name} raised {error!r}: make that work.")
+    for remark in [problem for problem in problems if isinstance(problem, Remark)]:
+        problems.remove(remark)
+        warnings.warn(remark, stacklevel=2)
     if problems:
         raise ValueError("\n- ".join([f"{env} is not ready for task inference:", *problems]))
 
@@ -151,8 +158,14 @@ def _not_finite(observation: dict[str, Any]) -> Iterator[tuple[str, str]]:
             yield key, f"observation[{key!r}] is {shown}, not finite: bound it, or end the episode before."
 
 
+def _check_effect(env: Env) -> Iterator[str]:
+    problem = find_task_without_effect(env)
+    if problem is not None:
+        yield problem
+
+
 def _check_seed(env: Env) -> Iterator[str]:
-    (task, first), (again, first_again) = _start(env, seed=0), _start(env, seed=0)
+    (task, first), (again, first_again) = start(env, seed=0), start(env, seed=0)
     if not np.array_equal(task, again):
         yield f"seed=0 gave the task {task}, then {again}: draw it from a generator that the reset seeds."
     if not np.array_equal(first, first_again, equal_nan=first.dtype.kind == "f"):
@@ -161,39 +174,12 @@ def _check_seed(env: Env) -> Iterator[str]:
 
 def _check_options(env: Env) -> Iterator[str]:
     """Ask for a task that the seed would not give, if there is one."""
-    drawn, _ = _start(env, seed=0)
-    tasks = (_start(env, seed)[0] for seed in _SEEDS)
+    drawn, _ = start(env, seed=0)
+    tasks = (start(env, seed)[0] for seed in SEEDS)
     wanted = next((task for task in tasks if not np.array_equal(task, drawn)), drawn)
     given = env.reset(seed=0, options={"task": wanted})[1].get("task", wanted)
     if not np.array_equal(given, wanted):
         yield f"reset(options={{'task': {wanted}}}) gave the task {given}: obey the option, as MetaTask does."
-
-
-def _check_secrecy(env: Env) -> Iterator[str]:
-    """Look for each entry of the task in the first observations of many seeds."""
-    starts = [_start(env, seed) for seed in _SEEDS]
-    tasks = np.stack([task for task, _ in starts], axis=1)  # (task_dim, seeds)
-    firsts = np.stack([first for _, first in starts], axis=1)  # (obs_dim, seeds)
-    firsts = firsts[np.ptp(firsts, axis=1) > 0.0]
-    for i, task in enumerate(tasks):
-        if np.ptp(task) == 0.0 or len(firsts) == 0:
-            continue
-        correlation = np.corrcoef(task, firsts)[0, 1:]  # (obs_dim,)
-        strongest = correlation[np.abs(correlation).argmax()]
-        if (firsts == task).all(axis=1).any():
-            yield f"the first observation contains task[{i}], a leak: take the task out of it."
-        elif abs(strongest) > _SUSPECT_CORRELATION:
-            yield (
-                f"the first observation tells task[{i}] (correlation {strongest:.2f}), a leak: "
-                "draw tasks from a generator spawned from the seed, as MetaTask does."
-            )
-
-
-def _start(env: Env, seed: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Reset; return the task ``(dim,)`` and the flat first observation ``(obs_dim,)``, empty if missing."""
-    observation, info = env.reset(seed=seed)
-    inner = observation.get("observation", []) if isinstance(observation, dict) else observation
-    return np.ravel(info.get("task", [])), np.ravel(inner)
 
 
 def _nth_action(space: gym.Space[Any], step: int) -> Any:

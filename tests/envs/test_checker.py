@@ -3,6 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.envs.classic_control import PendulumEnv
 from gymnasium.spaces import Box
 from gymnasium.wrappers import TimeLimit, TransformAction, TransformReward
 
@@ -95,6 +96,32 @@ class Shown(gym.ObservationWrapper):
 
     def observation(self, observation):
         return np.full_like(observation, self.value)
+
+
+class StepsInReset(gym.Wrapper):
+    """Takes a step before it shows anything, as BipedalWalker does: the physics show in the first observation."""
+
+    def reset(self, *, seed=None, options=None):
+        _, info = self.env.reset(seed=seed, options=options)
+        return self.env.step(np.zeros(1))[0], info
+
+
+class FromRest(PendulumEnv):
+    """A pendulum that starts at one angle, or a little beside it."""
+
+    def reset(self, *, seed=None, options=None):
+        _, info = super().reset(seed=seed, options={"x_init": 0.1, "y_init": 0.1})
+        self.state = self.state * 0.1 + 1.0
+        return self._get_obs(), info
+
+
+def set_gravity(pendulum, task):
+    pendulum.g = float(task[0])
+
+
+def physics_shown(meta_task=MetaTask, env=FromRest):
+    gravities = np.linspace(5.0, 15.0, 21)[:, None]
+    return TransitionObservation(meta_task(TimeLimit(StepsInReset(env()), 20), set_gravity, gravities))
 
 
 class Spaces(gym.Wrapper):
@@ -232,6 +259,30 @@ def test_what_is_not_finite_is_the_one_finding(key, value):
         check_meta_env(TimeLimit(TransitionObservation(env), 20))
     problems = str(found.value).splitlines()[1:]
     assert all("not finite" in problem for problem in problems) and "instead of" not in str(found.value)
+
+
+def test_physics_that_show_the_task_in_the_first_observation_are_a_warning():
+    with pytest.warns(UserWarning, match=r"first observation tells task\[0\] \(correlation .*\), and not by the seed"):
+        check_meta_env(physics_shown())
+
+
+def test_a_task_drawn_as_the_environment_draws_is_an_error_though_physics_show_it_too():
+    class Alike(SeededAlike):
+        def __init__(self, env, apply_task, tasks):
+            space = Box(0.0, 20.0, (1,))
+            super().__init__(env, apply_task, lambda rng: [5.0 + 10.0 * rng.random()], task_space=space)
+
+    with pytest.raises(ValueError, match=r"first observation tells task\[0\] .*generator spawned from the seed"):
+        check_meta_env(physics_shown(Alike))
+
+
+def test_a_scaled_copy_of_the_task_is_a_warning_that_tells_to_take_it_out():
+    class Scaled(Telltale):
+        def observation(self, observation):
+            return np.concatenate([observation, 0.1 * self.get_wrapper_attr("task")])
+
+    with pytest.warns(UserWarning, match=r"\(correlation 1.00\), .*made from the task, take it out"):
+        check_meta_env(TransitionObservation(Scaled(meta_point())))
 
 
 def test_one_message_lists_everything_that_is_wrong():

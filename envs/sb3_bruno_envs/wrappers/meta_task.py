@@ -30,9 +30,9 @@ _TASK_STREAM = 1909  # spawn key of the task generator; an environment's own chi
 class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Gives a task at every reset: a drawn one, or the one in ``reset(options={"task": task})``.
 
-    ``apply_task`` writes the task into the environment, by default into ``env.unwrapped`` and before it resets. The task
-    is privileged: the observation never shows it, but every reset and step names it in ``info["task"]`` (float32,
-    ``(dim,)``) and ``info["task_index"]`` (its row in the split's finite set, or -1).
+    ``apply_task`` writes the task into the environment, by default into ``env.unwrapped`` and before it resets. The
+    task is privileged: the observation never shows it, but every reset and step names it in ``info["task"]``
+    (float32, ``(dim,)``) and ``info["task_index"]`` (its row in the split's finite set, or -1).
 
     Tasks come from a generator of their own, spawned from the reset seed. It shares no number with the
     environment's generator, so the first observation says nothing about the task.
