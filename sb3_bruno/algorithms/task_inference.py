@@ -27,6 +27,7 @@ from sb3_bruno.algorithms.checks import (
     read_task_space,
 )
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.algorithms.rehearsal import warn_of_task_without_effect
 from sb3_bruno.algorithms.saving import Saving
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.buffers.extended_obs import CriticInput
@@ -136,6 +137,9 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
     ) -> tuple[int, BaseCallback]:
         self.bind_buffer()  # a copied or unpickled buffer has lost its encoder
         starts_anew = reset_num_timesteps or self._last_obs is None
+        if starts_anew and self.env is not None:
+            # Before the reset, which restores what a copy may share with its original.
+            warn_of_task_without_effect(self.env)
         result = super()._setup_learn(total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar)
         self.replay_buffer.family = family_of(self.env)
         if starts_anew:

@@ -11,7 +11,7 @@ from gymnasium.wrappers import NormalizeReward, TimeLimit
 from sb3_bruno_envs import MetaTask, PointDirEnv, TaskObservation, TransitionObservation, Trial, check_meta_env
 from sb3_bruno_envs.task_effect import find_task_without_effect
 
-NO_EFFECT = r"made no difference to 6 episodes of up to 200 steps: let apply_task write, for every task, what"
+NO_EFFECT = r"made no difference to 4 episodes of up to 200 steps: let apply_task write, for every task, what"
 COMPOUNDS = r"the task .* gave another episode when it came again, .*: let apply_task write all"
 FACTORS = [[0.5], [1.0], [2.0]]
 

@@ -11,6 +11,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from gymnasium.utils import RecordConstructorArgs
 
+from sb3_bruno_envs.task_effect import find_task_without_effect
 from sb3_bruno_envs.tasks import (
     Split,
     Task,
@@ -61,6 +62,9 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         ...     pendulum.g = float(task[0])
         >>> env = MetaTask(gym.make("Pendulum-v1"), set_gravity, tasks=[[8.0], [10.0], [12.0]])
     """
+
+    # As an attribute, which an algorithm finds through the wrappers without importing environments.
+    find_task_without_effect = staticmethod(find_task_without_effect)
 
     def __init__(
         self,
