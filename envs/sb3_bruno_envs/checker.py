@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 
-from sb3_bruno_envs.task_effect import find_task_without_effect
+from sb3_bruno_envs.task_effect import find_entries_without_effect, find_task_without_effect
 from sb3_bruno_envs.task_secrecy import SEEDS, Remark, find_leaks, start
 
 Env: TypeAlias = gym.Env[Any, Any]
@@ -26,8 +26,8 @@ _WRAP = "wrap the environment in TransitionObservation, above any wrapper that c
 def check_meta_env(env: Env, *, max_steps: int = 1000) -> None:
     """Raise a ValueError that lists everything wrong with ``env``, each with its remedy.
 
-    Runs one episode of random actions, about a hundred resets, and episodes of several tasks in turn. Warns of a first
-    observation that tells the task by the physics of the reset.
+    Runs one episode of random actions, about a hundred resets, and episodes of several tasks in turn. Warns of an entry
+    of the task that makes no difference, and of a first observation that tells the task by the physics of the reset.
 
     Args:
         env: the environment as an agent gets it, with all its wrappers.
@@ -159,9 +159,14 @@ def _not_finite(observation: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _check_effect(env: Env) -> Iterator[str]:
+    if not env.has_wrapper_attr("task_space") or "task" not in env.reset(seed=0)[1]:
+        return  # told already, of task space and infos
     problem = find_task_without_effect(env)
     if problem is not None:
         yield problem
+        return
+    for i in find_entries_without_effect(env):
+        yield Remark(f"task[{i}] alone made no difference: look whether apply_task writes what the environment reads.")
 
 
 def _check_seed(env: Env) -> Iterator[str]:

@@ -34,7 +34,7 @@ def find_task_without_effect(env: Env, *, seconds: float = np.inf) -> str | None
     others. Where short episodes are alike, long ones decide.
 
     Args:
-        env: an environment with tasks, which is left in another episode.
+        env: an environment with ``task_space`` and with tasks in its infos, which is left in another episode.
         seconds: the time that this may take.
 
     Returns:
@@ -43,12 +43,13 @@ def find_task_without_effect(env: Env, *, seconds: float = np.inf) -> str | None
     Raises:
         TimeoutError: if it takes longer.
     """
+    space = env.get_wrapper_attr("task_space")
+    if np.array_equal(space.low, space.high):
+        return None
     deadline = time.perf_counter() + seconds
     actions = _actions(env, _SHORT, 0)
     with _frozen_statistics(env):
-        task = np.ravel(env.reset(seed=0)[1].get("task", []))
-        if task.size == 0:
-            return None
+        task = env.reset(seed=0)[1]["task"]
         first, again = _play(env, [task, task], 0, actions, deadline)
         if not _alike(first, again, _ROUNDING):
             return _comes_differently(task)
@@ -60,8 +61,8 @@ def find_task_without_effect(env: Env, *, seconds: float = np.inf) -> str | None
             return _comes_differently(tasks[0])
         if _any_effect(first, others):
             return None
-        for seed in _LONG_SEEDS:
-            first, *others = _play(env, tasks, seed, _held_actions(env, _LONG, seed), deadline)
+        for seed, actions in _long_plans(env):
+            first, *others = _play(env, tasks, seed, actions, deadline)
             if _any_effect(first, others):
                 return None
     return (
@@ -69,6 +70,38 @@ def find_task_without_effect(env: Env, *, seconds: float = np.inf) -> str | None
         f"to {_LONG} steps: let apply_task write, for every task, what the environment reads. If the environment's own "
         "reset writes that too, use MetaTask(when='after_reset'); if a wrapper keeps it, MetaTask(unwrap=False)."
     )
+
+
+def find_entries_without_effect(env: Env) -> Iterator[int]:
+    """Change one entry of the task at a time; yield those that make no difference, if the task has several.
+
+    Args:
+        env: an environment with tasks in which ``find_task_without_effect`` finds nothing.
+    """
+    plans = [(0, _actions(env, _SHORT, 0)), *_long_plans(env)]
+    with _frozen_statistics(env):
+        tasks = np.stack(_distant_tasks(env))  # (n, dim)
+        if tasks.shape[1] == 1 or not _obeys(env, tasks[-1]):
+            return
+        for i in np.flatnonzero(np.ptp(tasks, axis=0)).tolist():
+            pairs = [_changed(tasks, task, i) for task in tasks]
+            if not any(_has_effect(env, pair, *plan) for plan in plans for pair in pairs):
+                yield i
+
+
+def _changed(tasks: NDArray[Any], task: NDArray[Any], i: int) -> list[NDArray[Any]]:
+    """Return a task, and the same but for entry ``i``, which is that of the task where it is furthest."""
+    other = task.copy()
+    other[i] = tasks[np.abs(tasks[:, i] - task[i]).argmax(), i]
+    return [task, other]
+
+
+def _has_effect(env: Env, pair: list[NDArray[Any]], seed: int, actions: list[Any]) -> bool:
+    try:
+        first, other = _play(env, pair, seed, actions, np.inf)
+    except Exception:  # entries of two tasks need not make a third: [1, 1] is no one-hot
+        return True
+    return _any_effect(first, [other])
 
 
 def _comes_differently(task: NDArray[Any]) -> str:
@@ -82,7 +115,7 @@ def _comes_differently(task: NDArray[Any]) -> str:
 def _distant_tasks(env: Env) -> list[NDArray[Any]]:
     """Return up to ``_N_TASKS`` different tasks that resets give, each far from those before it."""
     seeds = [*range(_DRAWS), *[None] * _DRAWS]  # without a seed a cycle goes on
-    tasks = [np.ravel(env.reset(seed=seed)[1].get("task", [])) for seed in seeds]
+    tasks = [env.reset(seed=seed)[1]["task"] for seed in seeds]
     drawn = np.unique(np.stack(tasks), axis=0)  # (n, dim)
     scaled = drawn / np.maximum(np.ptp(drawn, axis=0), 1e-12)
     chosen = [0]
@@ -94,7 +127,7 @@ def _distant_tasks(env: Env) -> list[NDArray[Any]]:
 
 def _obeys(env: Env, task: NDArray[Any]) -> bool:
     """Return whether the environment takes a task from the options."""
-    return np.array_equal(env.reset(seed=0, options={"task": task})[1].get("task", []), task)
+    return np.array_equal(env.reset(seed=0, options={"task": task})[1]["task"], task)
 
 
 def _actions(env: Env, n: int, seed: int) -> list[Any]:
@@ -111,6 +144,11 @@ def _held_actions(env: Env, n: int, seed: int) -> list[Any]:
     if seed % 2 and isinstance(space, Box) and space.is_bounded():
         actions = [np.where(action > (space.low + space.high) / 2, space.high, space.low) for action in actions]
     return [action for action in actions for _ in range(_HELD)]
+
+
+def _long_plans(env: Env) -> list[tuple[int, list[Any]]]:
+    """Return seeds of long episodes and their actions."""
+    return [(seed, _held_actions(env, _LONG, seed)) for seed in _LONG_SEEDS]
 
 
 def _play(env: Env, tasks: list[NDArray[Any]], seed: int, actions: list[Any], deadline: float) -> list[Episode]:

@@ -1,6 +1,7 @@
 """Tests of the registered ids: every way to make them, and the checks of others and our own."""
 
 import sys
+import warnings
 
 import gymnasium as gym
 import numpy as np
@@ -91,7 +92,9 @@ def test_sb3s_check_passes(name, observe):
 @pytest.mark.parametrize("split", ["train", "test"])
 @pytest.mark.parametrize("draw", ["random", "cycle", "fixed"])
 def test_our_own_check_passes(name, split, draw):
-    check_meta_env(make(name, split=split, draw=draw))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_meta_env(make(name, split=split, draw=draw))
 
 
 @family

@@ -11,6 +11,7 @@ from gymnasium.wrappers import NormalizeReward, TimeLimit
 from sb3_bruno_envs import MetaTask, PointDirEnv, TaskObservation, TransitionObservation, Trial, check_meta_env
 from sb3_bruno_envs.task_effect import find_task_without_effect
 
+pytestmark = pytest.mark.filterwarnings("error:.*made no difference")
 NO_EFFECT = r"made no difference to 4 episodes of up to 200 steps: let apply_task write, for every task, what"
 COMPOUNDS = r"the task .* gave another episode when it came again, .*: let apply_task write all"
 FACTORS = [[0.5], [1.0], [2.0]]
@@ -146,6 +147,25 @@ def test_an_attribute_that_a_wrapper_keeps_is_found_and_the_remedy_helps(make, n
     )
     remedy = meta(OwnParameter(make()), lambda env, task: env.set_wrapper_attr("weight", float(task[0])), unwrap=False)
     check_meta_env(remedy)
+
+
+@every_env
+def test_an_entry_without_effect_is_a_warning(make, name):
+    def forget_one(env, task):
+        write(env, name, task[0])
+        env.gravty = task[1]
+
+    with pytest.warns(UserWarning, match=r"task\[1\] alone made no difference: look whether apply_task"):
+        check_meta_env(meta(make(), forget_one, [[0.5, 1.0], [1.0, 2.0], [2.0, 0.5]]))
+
+
+def test_entries_that_make_no_task_when_mixed_are_let_be():
+    def one_hot(env, task):
+        if task.sum() != 1.0:
+            raise ValueError(f"task={task} is not one-hot")
+        env.g = 5.0 + 5.0 * task[1]
+
+    check_meta_env(meta(PendulumEnv(), one_hot, [[1.0, 0.0], [0.0, 1.0]]))
 
 
 def test_a_difference_that_shows_late_is_enough():
