@@ -25,6 +25,7 @@ from stable_baselines3.common.monitor import Monitor, ResultsWriter
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 _SECONDS = 5.0  # a classic environment takes a few hundredths of one, unless its tasks make no difference
+_MOST_BYTES = 50_000_000  # of a copy: an environment may hold a data set
 
 Env = gym.Env[Any, Any]
 
@@ -61,7 +62,7 @@ def _copy(env: Env) -> Env:
     """
     if any(layer.render_mode == "human" or isinstance(layer, (HumanRendering, RecordVideo)) for layer in _layers(env)):
         raise pickle.PicklingError("each step would show in a window or a video")
-    file = io.BytesIO()
+    file = _SmallFile()
     pickler = _Pickler(file)
     pickler.dump(env)
     unpickler = _Unpickler(io.BytesIO(file.getvalue()))
@@ -78,6 +79,15 @@ def _layers(env: Env) -> Iterator[Env]:
     while isinstance(env, gym.Wrapper):
         env = env.env
         yield env
+
+
+class _SmallFile(io.BytesIO):
+    """Refuses to grow large."""
+
+    def write(self, data: Any) -> int:
+        if self.tell() + len(data) > _MOST_BYTES:
+            raise pickle.PicklingError("the environment is too large to be copied for this")
+        return super().write(data)
 
 
 class _Pickler(pickle.Pickler):

@@ -144,6 +144,12 @@ def holding_file(tmp_path):
     return env
 
 
+def holding_data():
+    env = PendulumEnv()
+    env.data = np.zeros(60_000_000, np.uint8)
+    return env
+
+
 def test_what_a_copy_might_touch_is_not_copied(tmp_path):
     closing, connecting = Closing(), Connecting()
     Connecting.built = 0
@@ -152,6 +158,7 @@ def test_what_a_copy_might_touch_is_not_copied(tmp_path):
         "a finaliser": meta(do_nothing, closing),
         "a constructor": meta(do_nothing, connecting),
         "a file": meta(do_nothing, holding_file(tmp_path)),
+        "a data set": meta(do_nothing, holding_data()),
         "a window": meta(do_nothing, PendulumEnv(render_mode="human")),
         "a closure": meta(lambda env, task: setattr(kept.unwrapped, "g", task[0]), kept),
     }
@@ -160,9 +167,9 @@ def test_what_a_copy_might_touch_is_not_copied(tmp_path):
 
 
 def test_a_video_is_not_written(tmp_path):
-    env = gym.wrappers.RecordVideo(gym.make("Pendulum-v1", render_mode="rgb_array"), str(tmp_path))
+    env = gym.wrappers.RecordVideo(gym.make("Pendulum-v1", render_mode="rgb_array"), str(tmp_path / "videos"))
     assert found(meta(do_nothing, env)) == []
-    assert list(tmp_path.iterdir()) == []
+    assert list((tmp_path / "videos").iterdir()) == []
 
 
 def test_an_environment_that_is_copied_by_its_gymnasium_class_is_rehearsed():
