@@ -17,21 +17,23 @@ ROOMS = {  # each room, from the ground up, and the rooms that it may import
     "buffers": {"encoders"},
     "algorithms": {"buffers", "encoders"},
     "": {"algorithms", "buffers", "encoders"},  # the package's face
-    "evaluation": set(),
-    "runs": {"evaluation"},
+    "files": set(),
+    "evaluation": {"files"},
+    "runs": {"evaluation", "files"},
     "plotting": {"algorithms", "encoders", "evaluation"},
-    "diagnostics": {"algorithms", "encoders", "evaluation", "plotting"},
-    "resume": {"algorithms"},
-    "report": {"evaluation", "plotting", "runs"},
-    "zoo": {"", "algorithms", "encoders", "evaluation", "resume", "runs"},
-    "cli": {"algorithms", "diagnostics", "evaluation", "plotting", "report", "runs", "zoo"},
-    "quickstart": {"", "evaluation", "plotting", "resume", "runs"},
+    "diagnostics": {"algorithms", "encoders", "evaluation", "files", "plotting"},
+    "resume": {"algorithms", "files"},
+    "report": {"evaluation", "files", "plotting", "runs"},
+    "zoo": {"", "algorithms", "encoders", "evaluation", "files", "resume", "runs"},
+    "cli": {"algorithms", "diagnostics", "evaluation", "files", "plotting", "report", "runs", "zoo"},
+    "quickstart": {"", "evaluation", "files", "plotting", "resume", "runs"},
 }
 KNOWS = {  # beyond the standard library, numpy and the rooms below
     "maths": {"torch", "zuko"},
     "encoders": {"torch", "typing_extensions", "zuko"},
+    "files": set(),
     "evaluation": {"gymnasium", "rliable", "stable_baselines3"},
-    "runs": {"pandas", "torch"},
+    "runs": {"filelock", "pandas", "torch"},
 }
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_bruno.evaluation.floats import Floats
+from sb3_bruno.files.whole import whole_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +163,7 @@ class Diagnostics:
         """Write all arrays as npz, exactly; ``path`` gets no suffix."""
         arrays = {field.name: getattr(self, field.name) for field in fields(self)}
         known = {name: array for name, array in arrays.items() if array is not None}
-        with Path(path).open("wb") as file:
+        with whole_file(path) as part, part.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **known)
 
     @classmethod

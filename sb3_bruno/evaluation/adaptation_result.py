@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sb3_bruno.evaluation.floats import Floats, mean_of_known
 from sb3_bruno.evaluation.interquartile import Interval, interquartile_mean
 from sb3_bruno.evaluation.task_names import task_label
+from sb3_bruno.files.whole import whole_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +157,8 @@ class AdaptationResult:
     def save(self, path: str | Path) -> None:
         """Write the result as JSON from which ``load`` reads exactly the same numbers; NaN is written as null."""
         document = asdict(self) | {"tasks": self.tasks.tolist(), "rewards": _nan_as_none(self.rewards)}
-        Path(path).write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
+        with whole_file(path) as part:
+            part.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | Path) -> AdaptationResult:

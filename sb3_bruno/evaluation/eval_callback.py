@@ -5,18 +5,17 @@ Knows environments that name their hidden task in ``info["task"]``. Knows no alg
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import EvalCallback
 from stable_baselines3.common.vec_env import VecEnv
 
+from sb3_bruno.evaluation.resumable_eval import ResumableEvalCallback, Rows
 from sb3_bruno.evaluation.task_names import task_label
+from sb3_bruno.files.whole import whole_file
 
 _TASKS_FILE = "evaluation_tasks.npz"  # beside SB3's evaluations.npz
 _MAX_LOGGED_TASKS = 50
@@ -37,17 +36,15 @@ class LearningCurve(NamedTuple):
     returns: NDArray[np.float64]
 
 
-class TaskEvalCallback(EvalCallback):
-    """Evaluates as EvalCallback does, and tells the tasks apart.
+class TaskEvalCallback(ResumableEvalCallback):
+    """Evaluates as EvalCallback does, and tells the tasks apart. Kills and resumes: as in ``ResumableEvalCallback``.
 
     Logs the mean return of each task as ``eval/return_task_<label>``, for the first 50 tasks that it meets. Given
     ``log_path``, writes the task of each episode to ``evaluation_tasks.npz`` beside SB3's ``evaluations.npz``;
     ``load_learning_curve`` reads both.
 
     Let each evaluation environment cycle through its tasks (``draw="cycle"``), and evaluate as many episodes as there
-    are tasks, or a multiple of that. Then every task has the same weight in every evaluation. If the model has a seed,
-    each evaluation seeds its environments with that seed plus the number of calls so far. So a resumed run is evaluated
-    as if it had never been interrupted.
+    are tasks, or a multiple of that. Then every task has the same weight in every evaluation.
 
     Args:
         eval_env: the environment to evaluate in.
@@ -57,43 +54,25 @@ class TaskEvalCallback(EvalCallback):
         ValueError: if an episode of the evaluation environment ends without ``info["task"]``.
     """
 
+    files: ClassVar[dict[str, set[str]]] = {**ResumableEvalCallback.files, _TASKS_FILE: {"tasks"}}
+
     def __init__(self, eval_env: gym.Env[Any, Any] | VecEnv, **kwargs: Any) -> None:
         super().__init__(eval_env, **kwargs)
         self.evaluations_tasks: list[NDArray[np.float32]] = []  # (n_episodes, task_dim) each
         self._episode_tasks: list[NDArray[np.float32]] = []  # of the current evaluation
         self._logged_tasks: set[str] = set()
 
-    def restore(self, model: BaseAlgorithm) -> None:
-        """Continue the learning curve in ``log_path``, so that a resumed run is evaluated at the same steps.
-
-        Raises:
-            ValueError: if ``log_path`` is None, or a file there is damaged.
-        """
-        if self.log_path is None:
-            raise ValueError("log_path=None holds no learning curve to continue: give that of the first run.")
-        self.n_calls = model.num_timesteps // model.n_envs
-        folder = Path(self.log_path).parent
-        if not all((folder / name).is_file() for name in ("evaluations.npz", _TASKS_FILE)):
-            return  # the run died before its first evaluation
-        curve = load_learning_curve(folder)
-        known = int((curve.timesteps <= model.num_timesteps).sum())
-        with np.load(folder / "evaluations.npz") as stored:
-            lengths, successes = stored["ep_lengths"], stored.get("successes", ())
-        self.evaluations_timesteps = curve.timesteps[:known].tolist()
-        self.evaluations_results = [row.tolist() for row in curve.returns[:known]]
-        self.evaluations_length = [row.tolist() for row in lengths[:known]]
-        self.evaluations_successes = [row.tolist() for row in successes[:known]]
-        self.evaluations_tasks = list(curve.tasks[:known])
-        self.best_mean_reward = max((np.mean(row) for row in curve.returns[:known]), default=-np.inf)
+    def _continue(self, rows: Rows) -> None:
+        super()._continue(rows)
+        self.evaluations_tasks = list(rows["tasks"].astype(np.float32))
 
     def _on_step(self) -> bool:
         self._episode_tasks = []
-        if self.model.seed is not None and self.eval_freq > 0 and self.n_calls % self.eval_freq == 0:
-            self.eval_env.seed(self.model.seed + self.n_calls)
         continue_training = super()._on_step()
         if self._episode_tasks and self.log_path is not None:
             self.evaluations_tasks.append(np.stack(self._episode_tasks))
-            np.savez(Path(self.log_path).with_name(_TASKS_FILE), tasks=np.stack(self.evaluations_tasks))
+            with whole_file(Path(self.log_path).with_name(_TASKS_FILE)) as part:
+                np.savez(part, tasks=np.stack(self.evaluations_tasks))
         return continue_training
 
     def _log_success_callback(self, locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
@@ -128,18 +107,14 @@ def load_learning_curve(path: str | Path) -> LearningCurve:
         ValueError: if the folder lacks one of the two files, or a file is damaged.
     """
     try:
-        with (
-            np.load(Path(path, "evaluations.npz")) as evaluations,
-            np.load(Path(path, _TASKS_FILE)) as stored,
-        ):
-            timesteps, returns, tasks = evaluations["timesteps"], evaluations["results"], stored["tasks"]
-    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        rows = TaskEvalCallback.read(Path(path))
+    except ValueError as error:
         raise ValueError(
-            f"path={str(path)!r} holds no evaluations with tasks: give a log_path of TaskEvalCallback. If a kill cut "
-            "a file there short, delete it: a resumed run then starts a new learning curve."
+            f"path={str(path)!r} holds no evaluations with tasks: give a log_path of TaskEvalCallback. {error}."
         ) from error
-    n = min(len(timesteps), len(tasks))  # a kill may fall between writing the one file and the other
-    return LearningCurve(timesteps[:n].astype(np.int64), tasks[:n], returns[:n].astype(np.float64))
+    return LearningCurve(
+        rows["timesteps"].astype(np.int64), rows["tasks"].astype(np.float32), rows["results"].astype(np.float64)
+    )
 
 
 def _running_return(locals_: dict[str, Any]) -> float:

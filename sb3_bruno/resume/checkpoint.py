@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import pathlib
 import random
 import warnings
@@ -18,7 +17,13 @@ from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.her.her_replay_buffer import HerReplayBuffer
 
 from sb3_bruno.algorithms.task_inference import TaskInference
+from sb3_bruno.files.sealed import Damaged, sealing, unsealed
 from sb3_bruno.resume.env_state import EnvState, restore_envs, restore_wrappers, save_envs
+
+FORMAT = "sb3_bruno checkpoint 1"
+"""The first line of a checkpoint. Its number grows when older checkpoints can no longer be read."""
+
+_PARTS = {"class", "model", "replay_buffer", "random", "envs"}
 
 
 class ResumeCallback(BaseCallback):
@@ -74,8 +79,6 @@ def save_checkpoint(model: OffPolicyAlgorithm, path: str | pathlib.Path) -> None
         model: a model at the start of a rollout.
         path: the file to write; an older file there stays whole until the new one replaces it.
     """
-    path = pathlib.Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     assert model.env is not None  # for mypy: a model in training has one
     archive = io.BytesIO()
     model.save(archive)
@@ -86,12 +89,8 @@ def save_checkpoint(model: OffPolicyAlgorithm, path: str | pathlib.Path) -> None
         "random": _random_states(model),
         "envs": save_envs(model.env),
     }
-    unfinished = path.with_name(path.name + ".tmp")  # overwrites what a kill left there
-    with open(unfinished, "wb") as file:
+    with sealing(path, FORMAT) as file:
         cloudpickle.dump(checkpoint, file)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(unfinished, path)
 
 
 def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "auto") -> OffPolicyAlgorithm:
@@ -149,15 +148,23 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
 
 
 def _read(path: str | pathlib.Path) -> dict[str, Any]:
-    """Unpickle a checkpoint; raise a ValueError that explains whatever unpickling raises."""
-    with open(path, "rb") as file:
-        try:
-            checkpoint: dict[str, Any] = cloudpickle.load(file)
-        except Exception as error:  # a damaged file, or classes that have changed, may raise anything
-            raise ValueError(
-                f"path={path} cannot be read ({error}): it is damaged, or of another version of sb3_bruno. "
-                "Resume with the version that wrote it."
-            ) from error
+    """Unpickle a checkpoint that is as it was written; raise a ValueError that explains whatever is wrong with it."""
+    remedy = "Resume from a copy, with the version that wrote it, or train anew."
+    try:
+        with unsealed(path, FORMAT) as file:
+            checkpoint = cloudpickle.load(file)
+    except Damaged as error:
+        raise ValueError(
+            f"path={path} is damaged, or no checkpoint of this version of sb3_bruno ({error}). {remedy}"
+        ) from error
+    except FileNotFoundError:
+        raise
+    except Exception as error:  # classes that have changed since may raise anything
+        raise ValueError(
+            f"path={path} cannot be read ({error}): libraries or classes have changed since it was written. {remedy}"
+        ) from error
+    if not isinstance(checkpoint, dict) or not checkpoint.keys() >= _PARTS:
+        raise ValueError(f"path={path} holds something else than a checkpoint. {remedy}")
     return checkpoint
 
 

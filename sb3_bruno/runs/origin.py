@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 from typing import Any
 
 from sb3_bruno.evaluation.versions import library_versions
+from sb3_bruno.files.whole import whole_file
 
 ORIGIN = "sb3_bruno_origin.json"
 
@@ -15,16 +17,19 @@ def save_origin(run: Path, command: list[str]) -> None:
     """Write the origin of a run; a resumed run keeps its first command and adds the versions of now."""
     before = _load(run)
     origin = {"command": command, **before, "versions": [*before.get("versions", []), library_versions()]}
-    (run / ORIGIN).write_text(json.dumps(origin, indent=1) + "\n", encoding="utf-8")
+    with whole_file(run / ORIGIN) as part:
+        part.write_text(json.dumps(origin, indent=1) + "\n", encoding="utf-8")
 
 
 def load_command(run: Path) -> list[str]:
     """Return the command that started a run, with its seed.
 
     Raises:
-        FileNotFoundError: if the folder holds no origin.
+        ValueError: if the folder holds no origin that can be read.
     """
-    command: list[str] = json.loads((run / ORIGIN).read_text(encoding="utf-8"))["command"]
+    command = _load(run).get("command")
+    if not isinstance(command, list) or not all(isinstance(part, str) for part in command):
+        raise ValueError(f"{run / ORIGIN} does not tell the command that started the run: copy it there from a backup")
     return command
 
 
@@ -35,7 +40,15 @@ def trained_at(run: Path) -> list[str]:
 
 
 def _load(run: Path) -> dict[str, Any]:
-    """Read the origin of a run, empty if there is none."""
+    """Read the origin of a run, empty if there is none, or, with a warning, if it cannot be read."""
     path = run / ORIGIN
-    origin: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    if not path.is_file():
+        return {}
+    try:
+        origin = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(origin, dict):
+            raise ValueError("it holds no JSON object")
+    except (OSError, ValueError) as error:
+        warnings.warn(f"{path} cannot be read ({error}), so nobody knows at which commit the run trained", stacklevel=3)
+        return {}
     return origin

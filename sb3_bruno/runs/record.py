@@ -16,6 +16,7 @@ from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.eval_callback import LearningCurve, load_learning_curve
 from sb3_bruno.evaluation.task_names import FEW_TASKS, task_label
+from sb3_bruno.files.whole import whole_files
 from sb3_bruno.runs.clock import TrainingClock
 
 HORIZONS = (200, 1_000)
@@ -55,11 +56,10 @@ class RunRecord(NamedTuple):
 
     def save(self, folder: str | Path) -> None:
         """Write the four files of the record."""
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / _ABOUT).write_text(json.dumps(self.about, indent=1) + "\n", encoding="utf-8")
-        for name, table in ((_CURVE, self.learning), (_EPISODES, self.episodes), (_REWARDS, self.rewards)):
-            table.to_csv(folder / name, index=False, float_format="%.7g", lineterminator="\n")
+        with whole_files(folder, _ABOUT) as part:
+            (part / _ABOUT).write_text(json.dumps(self.about, indent=1) + "\n", encoding="utf-8")
+            for name, table in ((_CURVE, self.learning), (_EPISODES, self.episodes), (_REWARDS, self.rewards)):
+                table.to_csv(part / name, index=False, float_format="%.7g", lineterminator="\n")
 
     @classmethod
     def load(cls, folder: str | Path) -> RunRecord:

@@ -15,6 +15,8 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.monitor import Monitor
 
 from sb3_bruno.evaluation.eval_callback import TaskEvalCallback, load_learning_curve
+from sb3_bruno.evaluation.resumable_eval import ResumableEvalCallback
+from support.dying import dies_at
 
 
 class CycleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -98,23 +100,80 @@ def test_an_evaluation_cut_short_between_the_two_files_is_left_out(tmp_path: Pat
     assert [len(values) for values in curve] == [1, 1, 1]
 
 
-def test_a_learning_curve_is_continued_unless_it_is_damaged(tmp_path: Path) -> None:
-    learn(Monitor(CycleEnv()), tmp_path, n_eval_episodes=2)
-    model = SAC("MlpPolicy", CycleEnv(), policy_kwargs={"net_arch": [4]}, device="cpu")
-    model.num_timesteps = 20
-    callback = TaskEvalCallback(CycleEnv(), log_path=str(tmp_path))
-    callback.restore(model)
-    assert callback.evaluations_timesteps == load_learning_curve(tmp_path).timesteps.tolist() != []
-    stored = tmp_path / "evaluations.npz"
-    stored.write_bytes(stored.read_bytes()[:200])  # as a kill may leave it
-    with pytest.raises(ValueError, match="delete it"):
-        callback.restore(model)
-    stored.unlink()
-    new = TaskEvalCallback(CycleEnv(), log_path=str(tmp_path))
-    new.restore(model)
+def model_after(steps: int) -> SAC:
+    model = SAC("MlpPolicy", CycleEnv(), learning_starts=1_000, policy_kwargs={"net_arch": [4]}, device="cpu")
+    model.num_timesteps = steps
+    return model
+
+
+def evaluating(folder: Path, kind: type[ResumableEvalCallback], **kwargs: Any) -> ResumableEvalCallback:
+    settings = {"eval_freq": 10, "n_eval_episodes": 2, "verbose": 0, **kwargs}
+    return kind(Monitor(CycleEnv()), log_path=str(folder), best_model_save_path=str(folder), **settings)
+
+
+KINDS = pytest.mark.parametrize("kind", [ResumableEvalCallback, TaskEvalCallback])
+
+
+@KINDS
+def test_a_resumed_run_continues_its_curve_whether_or_not_it_is_told_to(
+    tmp_path: Path, kind: type[ResumableEvalCallback]
+) -> None:
+    model_after(0).learn(30, evaluating(tmp_path, kind))
+    rows = kind.read(tmp_path)
+    assert rows["timesteps"].tolist() == [10, 20, 30]
+    told = evaluating(tmp_path, kind)
+    told.restore(model_after(20))
+    assert told.evaluations_timesteps == [10, 20] and told.n_calls == 20
+    assert told.best_mean_reward == rows["results"][:2].mean(axis=1).max()
+    model_after(20).learn(20, evaluating(tmp_path, kind), reset_num_timesteps=False)
+    assert kind.read(tmp_path)["timesteps"].tolist() == [10, 20, 30, 40], "and no row twice"
+    np.testing.assert_array_equal(kind.read(tmp_path)["results"][:2], rows["results"][:2])
+    model_after(0).learn(10, evaluating(tmp_path, kind))
+    assert kind.read(tmp_path)["timesteps"].tolist() == [10], "a run that starts anew has a new curve"
+
+
+@KINDS
+@pytest.mark.parametrize("damage", [lambda whole: whole[:200], lambda whole: b"", lambda whole: b"text"])
+def test_a_curve_that_cannot_be_read_is_set_aside_and_blocks_nothing(
+    tmp_path: Path, kind: type[ResumableEvalCallback], damage: Any
+) -> None:
+    model_after(0).learn(10, evaluating(tmp_path, kind))
+    for name in kind.files:
+        whole = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(damage(whole))
+        with pytest.warns(UserWarning, match="a new learning curve begins"):
+            model_after(10).learn(10, evaluating(tmp_path, kind), reset_num_timesteps=False)
+        assert (tmp_path / f"{name}.damaged").read_bytes() == damage(whole)
+        assert kind.read(tmp_path)["timesteps"].tolist() == [20]
+
+
+@KINDS
+def test_a_kill_in_an_evaluation_leaves_curve_and_best_model_whole(
+    tmp_path: Path, kind: type[ResumableEvalCallback]
+) -> None:
+    model_after(0).learn(10, evaluating(tmp_path, kind))
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert before.keys() == {*kind.files, "best_model.zip"}
+    for moment in ("fsync", "replace"):
+        callback = evaluating(tmp_path, kind)
+        callback.best_mean_reward = -np.inf
+        dies_at(moment, lambda callback=callback: model_after(10).learn(10, callback, reset_num_timesteps=False))
+        assert {name: (tmp_path / name).read_bytes() for name in before} == before
+
+
+def test_evaluations_of_another_number_of_episodes_are_refused_before_training(tmp_path: Path) -> None:
+    model_after(0).learn(10, evaluating(tmp_path, TaskEvalCallback))
+    callback = evaluating(tmp_path, TaskEvalCallback, n_eval_episodes=3)
+    with pytest.raises(ValueError, match=r"n_eval_episodes=3.* are of 2 episodes"):
+        model_after(10).learn(10, callback, reset_num_timesteps=False)
+
+
+def test_there_is_nothing_to_continue_without_a_folder_or_before_the_first_evaluation(tmp_path: Path) -> None:
+    new = evaluating(tmp_path, TaskEvalCallback)
+    new.restore(model_after(20))
     assert new.evaluations_timesteps == []
     with pytest.raises(ValueError, match="log_path"):
-        TaskEvalCallback(CycleEnv()).restore(model)
+        TaskEvalCallback(CycleEnv()).restore(model_after(20))
 
 
 def test_load_names_the_folder_that_lacks_the_files(tmp_path: Path) -> None:

@@ -1,9 +1,5 @@
 """Exact resume: the resumed run equals the uninterrupted one, bit for bit, whenever the process dies."""
 
-import os
-import signal
-import subprocess
-import sys
 import time
 from contextlib import nullcontext
 
@@ -232,35 +228,6 @@ def test_the_cheetahs_physics_goes_on_where_it_was(tmp_path):
     resumed.learn(240 - resumed.num_timesteps, reset_num_timesteps=False)
     for tensor, expected in zip(fingerprint(resumed), fingerprint(whole), strict=True):
         assert th.equal(tensor, expected)
-
-
-TRAINING = f"""
-import sys, zuko
-from stable_baselines3.common.env_util import make_vec_env
-from sb3_bruno import BrunoSAC
-from sb3_bruno.resume.checkpoint import ResumeCallback
-model = BrunoSAC("MlpPolicy", make_vec_env("sb3_bruno_envs:PointDir-v0", 3, seed=0), **{{**eval(sys.argv[2]),
-    "encoder_kwargs": {{"flow_class": zuko.flows.MAF, "flow_kwargs": {{"transforms": 2, "hidden_features": (16,)}}}}}})
-model.learn({STEPS} * 100, ResumeCallback(sys.argv[1], 3))
-"""
-
-
-def test_a_kill_at_any_moment_leaves_a_whole_checkpoint(tmp_path):
-    path = tmp_path / "checkpoint.pkl"
-    settings = repr({key: value for key, value in SETTINGS.items() if key != "encoder_kwargs"})
-    process = subprocess.Popen([sys.executable, "-c", TRAINING, str(path), settings])
-    try:
-        while not path.exists():
-            assert process.poll() is None
-            time.sleep(0.05)
-        time.sleep(1.0)  # a checkpoint at every step, so the kill hits one half written
-    finally:
-        os.kill(process.pid, signal.SIGKILL)
-        process.wait()
-    model = resume(path, point())
-    assert model.num_timesteps > 0
-    model.learn(60, ResumeCallback(path, 30), reset_num_timesteps=False)
-    assert list(tmp_path.iterdir()) == [path], "what the kill left unfinished is written over"
 
 
 def test_envs_whose_state_is_lost_go_on_with_a_new_episode_and_say_so(tmp_path):

@@ -1,0 +1,123 @@
+"""SB3's EvalCallback for runs that may be killed and resumed: its files stay whole, and are continued."""
+
+from __future__ import annotations
+
+import os
+import warnings
+import zipfile
+import zlib
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import EvalCallback
+
+from sb3_bruno.files.whole import whole_files
+
+Rows = dict[str, NDArray[Any]]
+"""Arrays by name, each with a row per evaluation."""
+
+_FILE = "evaluations.npz"  # SB3's name
+
+
+class ResumableEvalCallback(EvalCallback):
+    """Evaluates as EvalCallback does. A kill at any moment leaves its files whole.
+
+    If the model has steps behind it and ``log_path`` an ``evaluations.npz``, its rows up to the model's steps stay, and
+    later ones are dropped: the run was resumed from an earlier checkpoint, and makes those evaluations again. If the
+    model has a seed, each evaluation seeds its environments with that seed plus the number of calls so far. So a
+    resumed run is evaluated as if it had never been interrupted.
+
+    Raises:
+        ValueError: at the start of training, if ``log_path`` holds evaluations of another number of episodes.
+    """
+
+    files: ClassVar[dict[str, set[str]]] = {_FILE: {"timesteps", "results", "ep_lengths"}}
+    """The files in the folder ``log_path``, and what each must hold."""
+
+    def restore(self, model: BaseAlgorithm) -> None:
+        """Continue the evaluations in ``log_path``, at the same steps as before the run was interrupted.
+
+        Files that cannot be read are set aside, with a warning, and the evaluations begin anew.
+
+        Raises:
+            ValueError: if ``log_path`` is None.
+        """
+        if self.log_path is None:
+            raise ValueError("log_path=None holds no learning curve to continue: give that of the first run.")
+        self.n_calls = model.num_timesteps // model.n_envs
+        folder = Path(self.log_path).parent
+        if not any((folder / name).exists() for name in self.files):
+            return  # the run died before its first evaluation
+        try:
+            rows = self.read(folder)
+        except ValueError as error:
+            self._set_aside(folder, error)
+            return
+        known = rows["timesteps"] <= model.num_timesteps
+        self._continue({name: values[known] for name, values in rows.items()})
+
+    @classmethod
+    def read(cls, folder: Path) -> Rows:
+        """Read the evaluations in a folder.
+
+        Raises:
+            ValueError: if one of the files is missing or damaged.
+        """
+        stored: Rows = {}
+        for name, needed in cls.files.items():
+            try:
+                with np.load(folder / name) as arrays:
+                    stored |= {key: arrays[key] for key in needed.union(arrays.files)}
+            except (OSError, EOFError, ValueError, LookupError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+                raise ValueError(f"{folder / name} cannot be read ({error})") from error
+        if stored["results"].ndim != 2:
+            raise ValueError(f"{folder / _FILE} holds no evaluations")
+        n = min(len(stored[name]) for needed in cls.files.values() for name in needed)  # a kill may fall between two
+        return {name: values[:n] for name, values in stored.items() if len(values) >= n}
+
+    def _continue(self, rows: Rows) -> None:
+        """Take over the rows of earlier evaluations."""
+        self.evaluations_timesteps = rows["timesteps"].tolist()
+        self.evaluations_results = rows["results"].tolist()
+        self.evaluations_length = rows["ep_lengths"].tolist()
+        self.evaluations_successes = rows["successes"].tolist() if "successes" in rows else []
+        self.best_mean_reward = max(map(float, np.mean(rows["results"], axis=1)), default=-np.inf)
+
+    def _set_aside(self, folder: Path, error: ValueError) -> None:
+        """Rename the files, which would be overwritten; say so."""
+        for name in self.files:
+            if (folder / name).exists():
+                os.replace(folder / name, folder / f"{name}.damaged")
+        warnings.warn(f"{error}: it is kept as *.damaged, and a new learning curve begins.", stacklevel=3)
+
+    def _init_callback(self) -> None:
+        super()._init_callback()
+        begins = self.log_path is not None and not self.evaluations_timesteps
+        if begins and self.model.num_timesteps > 0 and Path(f"{self.log_path}.npz").exists():
+            self.restore(self.model)
+        n_episodes = {len(row) for row in self.evaluations_results} - {self.n_eval_episodes}
+        if n_episodes:
+            raise ValueError(
+                f"n_eval_episodes={self.n_eval_episodes}, but the evaluations in log_path={str(self.log_path)!r} are "
+                f"of {n_episodes.pop()} episodes: give as many, or another log_path."
+            )
+
+    def _on_step(self) -> bool:
+        if self.eval_freq <= 0 or self.n_calls % self.eval_freq != 0:
+            return True
+        if self.model.seed is not None:
+            self.eval_env.seed(self.model.seed + self.n_calls)
+        log_path, best_path = self.log_path, self.best_model_save_path
+        with ExitStack() as whole:
+            try:
+                if log_path is not None:
+                    self.log_path = str(whole.enter_context(whole_files(Path(log_path).parent, _FILE)) / "evaluations")
+                if best_path is not None:
+                    self.best_model_save_path = str(whole.enter_context(whole_files(best_path, "best_model.zip")))
+                return super()._on_step()
+            finally:
+                self.log_path, self.best_model_save_path = log_path, best_path

@@ -1,0 +1,54 @@
+"""Writes files that are whole whenever the process dies: in a folder of their own first, then renamed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+
+@contextmanager
+def whole_files(folder: str | Path, name: str) -> Iterator[Path]:
+    """Yield an empty folder to write files in; at the end of the block they replace those of their names in ``folder``.
+
+    A file is on the disk before it gets its name. If the block raises or the process dies, the older files stay as they
+    were. What a dead process left is removed by the next block of the same name.
+
+    Args:
+        folder: where the files belong; it is made if need be.
+        name: tells this block from others that may write to ``folder`` at the same time.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    part = folder / f".unfinished-{name}"
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir()
+    try:
+        yield part
+        for file in sorted(part.iterdir()):
+            with file.open("r+b") as written:
+                os.fsync(written.fileno())
+            os.replace(file, folder / file.name)
+        _sync_names(folder)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+@contextmanager
+def whole_file(path: str | Path) -> Iterator[Path]:
+    """Yield a path to write; at the end of the block the file replaces that at ``path``, as in ``whole_files``."""
+    path = Path(os.path.realpath(path))  # a link stays a link
+    with whole_files(path.parent, path.name) as part:
+        yield part / path.name
+
+
+def _sync_names(folder: Path) -> None:
+    """Wait until the names of the files in ``folder`` are on the disk."""
+    with suppress(OSError):  # Windows opens no folder, and some network disks sync none
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

@@ -1,0 +1,24 @@
+"""The origin of a run outlives kills, and one that is damaged blocks nothing that can do without it."""
+
+import pytest
+
+from sb3_bruno.runs.origin import ORIGIN, load_command, save_origin, trained_at
+from support.dying import dies_at
+
+COMMAND = ["--env", "PointDir-v0", "--seed", "1"]
+
+
+def test_a_kill_while_a_resumed_run_adds_its_versions_leaves_the_command(tmp_path):
+    save_origin(tmp_path, COMMAND)
+    for moment in ("fsync", "replace"):
+        dies_at(moment, lambda: save_origin(tmp_path, []))
+        assert load_command(tmp_path) == COMMAND and len(trained_at(tmp_path)) == 1
+
+
+@pytest.mark.parametrize("content", [b"", b'{"command": ["--env", "Poi', b"\xff\xfe", b"[1]", b"{}", b'{"command": 3}'])
+@pytest.mark.filterwarnings("ignore:.*cannot be read")
+def test_a_damaged_origin_is_named_where_it_is_needed_and_else_told_by_the_way(tmp_path, content):
+    (tmp_path / ORIGIN).write_bytes(content)
+    assert trained_at(tmp_path) == []
+    with pytest.raises(ValueError, match=rf"{ORIGIN} does not tell the command .*copy it there from a backup"):
+        load_command(tmp_path)
