@@ -17,6 +17,7 @@ from typing import Any
 import rl_zoo3.enjoy
 import rl_zoo3.train
 import rl_zoo3.utils
+from huggingface_sb3 import EnvironmentName
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.cli.evaluate import diagnose, evaluate, plot
@@ -25,11 +26,14 @@ from sb3_bruno.cli.parser import add_gym_packages, command_parser
 from sb3_bruno.cli.report import report
 from sb3_bruno.cli.sweep import sweep
 from sb3_bruno.runs.denormals import flushed_denormals
+from sb3_bruno.runs.folder import latest_finished
 from sb3_bruno.runs.origin import ORIGIN, load_command
-from sb3_bruno.zoo.experiment import CHECKPOINT, RunOptions, TaskExperiment
+from sb3_bruno.zoo.experiment import TaskExperiment
+from sb3_bruno.zoo.kept_run import CHECKPOINT, RunOptions
 from sb3_bruno.zoo.registry import check_registered, import_packages, register
 
 DEFAULTS = {"--algo": "bruno_sac", "--env": "CheetahDir-v0"}
+INTERRUPTED = 130  # the exit code that shells give a command that Ctrl-C ended
 Arguments = list[str]
 
 
@@ -45,6 +49,8 @@ def main(arguments: Arguments | None = None) -> None:
         COMMANDS[name](rest)
     except Mistake as mistake:
         sys.exit(f"sb3-bruno {name}: {mistake}")
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
 
 
 def train(arguments: Arguments) -> None:
@@ -85,7 +91,7 @@ def enjoy(arguments: Arguments) -> None:
     example: sb3-bruno enjoy --algo bruno_sac --env CheetahDir-v0 -f logs -n 400
     """
     _, rest = _parse(_own_parser("enjoy", enjoy), arguments, rl_zoo3.enjoy.enjoy)
-    command = _with_defaults(rest, {**DEFAULTS, "-f": "logs"})
+    command = _of_finished_run(_with_defaults(rest, {**DEFAULTS, "-f": "logs"}))
     _check_env(command)
     _call(rl_zoo3.enjoy.enjoy, "enjoy", command)
 
@@ -98,7 +104,7 @@ def record_video(arguments: Arguments) -> None:
     parser = _own_parser("record-video", record_video)
     add_gym_packages(parser)
     own, rest = _parse(parser, arguments, _rl_zoo3_record_video)
-    command = _with_defaults(rest, {**DEFAULTS, "-f": "logs"})
+    command = _of_finished_run(_with_defaults(rest, {**DEFAULTS, "-f": "logs"}))
     _check_env(command, own.gym_packages)
     _call(_rl_zoo3_record_video, "record-video", command)
 
@@ -163,6 +169,24 @@ def _with_defaults(arguments: Arguments, defaults: dict[str, str]) -> Arguments:
     return [part for flag in defaults.items() for part in flag] + arguments
 
 
+def _of_finished_run(command: Arguments) -> Arguments:
+    """Choose the latest run that has come to its end, unless the command of enjoy or record-video chooses one.
+
+    Raises:
+        Mistake: if all runs are unfinished.
+    """
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--algo")
+    parser.add_argument("--env", type=EnvironmentName)
+    parser.add_argument("-f", "--folder", type=Path)
+    parser.add_argument("--exp-id", default="0")
+    chosen, _ = parser.parse_known_args(command)
+    if chosen.exp_id != "0":
+        return command
+    with told_as_mistake():
+        return [*command, "--exp-id", str(latest_finished(chosen.folder / chosen.algo, chosen.env))]
+
+
 def _check_env(command: Arguments, packages: Sequence[str] = ()) -> None:
     """Import the packages that register environments, and refuse an environment that is not registered then.
 
@@ -198,9 +222,10 @@ def _command_of(folder: Path) -> Arguments:
     """Read the command that started the run in ``folder``, with its seed and checkpoint frequency.
 
     Raises:
-        Mistake: if the folder has no checkpoint.
+        Mistake: if the folder has no checkpoint, or its origin cannot be read.
     """
     missing = [name for name in (CHECKPOINT, ORIGIN) if not (folder / name).is_file()]
     if missing:
         raise Mistake(f"--resume {folder}: no {missing[0]} there, so there is nothing to go on from: train anew")
-    return load_command(folder)
+    with told_as_mistake():
+        return load_command(folder)

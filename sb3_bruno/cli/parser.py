@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--algo", default="bruno_sac", choices=sorted(rl_zoo3.ALGOS), help="(default: bruno_sac)")
     parser.add_argument("--env", type=EnvironmentName, default="CheetahDir-v0", help="(default: CheetahDir-v0)")
     parser.add_argument("-f", "--folder", default="logs", help="log folder (default: logs)")
-    parser.add_argument("--exp-id", type=int, default=0, help="run number, 0: the latest (default)")
+    parser.add_argument("--exp-id", type=int, default=0, help="run number, 0: the latest finished (default)")
     parser.add_argument("--load-best", action="store_true", help="the best model instead of the last")
     parser.add_argument("--episodes", type=at_least_one, default=10, help="per task (default: 10)")
     parser.add_argument("--steps", type=at_least_one, help="of each episode (default: the environment's own)")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import pickle
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +15,7 @@ from gymnasium.utils import EzPickle
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper, VecMonitor, VecNormalize
 
-_PER_PROCESS = {"venv", "class_attributes", "results_writer"}
+_PER_PROCESS = {"class_attributes", "results_writer"}
 """VecEnvWrapper attributes that belong to one process and must not be restored in another."""
 
 
@@ -60,7 +62,8 @@ class EnvState(NamedTuple):
 def save_envs(vec_env: VecEnv) -> EnvState:
     """Save the environments inside ``vec_env``, its wrappers and the progress of its Monitors."""
     inner = vec_env.unwrapped
-    wrappers = [_save_wrapper(wrapper) for wrapper in _wrappers(vec_env)]
+    places = {id(part): place for place, part in enumerate(_parts(vec_env))}
+    wrappers = [_save_wrapper(wrapper, places) for wrapper in _wrappers(vec_env)]
     if not isinstance(inner, DummyVecEnv):
         why = f"the state of envs inside {type(inner).__name__} cannot be reached"
         return EnvState(None, why, wrappers, None)
@@ -72,6 +75,23 @@ def save_envs(vec_env: VecEnv) -> EnvState:
             return EnvState(_pickle_envs(inner), "", wrappers, states)
     except _NotPickled as error:
         return EnvState(None, str(error), wrappers, states)
+
+
+def wrapped_alike(vec_env: VecEnv, states: list[WrapperState]) -> VecEnv:
+    """Return ``vec_env``; if only the outermost VecNormalize is missing, one is put around it.
+
+    Raises:
+        ValueError: if the wrappers are not those that were saved.
+    """
+    wanted = [state.kind for state in states]
+    if wanted == [VecNormalize, *map(type, _wrappers(vec_env))]:
+        vec_env = VecNormalize(vec_env, norm_obs=False)
+    given = [type(wrapper) for wrapper in _wrappers(vec_env)]
+    if given != wanted:
+        raise ValueError(
+            f"env is wrapped in {_names(given)}, outermost first, the checkpoint's in {_names(wanted)}: wrap it alike."
+        )
+    return vec_env
 
 
 def restore_envs(vec_env: VecEnv, state: EnvState) -> None:
@@ -96,50 +116,61 @@ def restore_envs(vec_env: VecEnv, state: EnvState) -> None:
         _cut_file(monitor, saved.file_size)
     if state.envs is not None:
         inner.envs = cloudpickle.loads(state.envs)
-        inner._reset_seeds()  # or the next reset would seed the restored environments anew
         for restored, monitor in zip(_monitors(inner), new, strict=True):
             restored.results_writer = monitor.results_writer
     for monitor, saved in zip(_monitors(inner), state.monitors, strict=True):
         monitor.t_start = time.time() - saved.seconds
 
 
-def restore_wrappers(vec_env: VecEnv, states: list[WrapperState]) -> VecEnv:
-    """Give the wrappers of ``vec_env`` the saved attributes. The clock of a VecMonitor continues.
+def restore_wrappers(vec_env: VecEnv, states: list[WrapperState]) -> None:
+    """Give the wrappers of ``vec_env``, whose environments are restored, the attributes that they were saved with.
 
-    Returns:
-        ``vec_env``. If only the outermost VecNormalize is missing, one is put around it.
-
-    Raises:
-        ValueError: if the wrappers are not those that were saved.
+    An attribute that was a part of the old ``vec_env`` becomes the same part of this one. The clock of a VecMonitor
+    continues.
     """
-    wanted = [state.kind for state in states]
-    if wanted == [VecNormalize, *map(type, _wrappers(vec_env))]:
-        vec_env = VecNormalize(vec_env, norm_obs=False)
-    wrappers = _wrappers(vec_env)
-    given = [type(wrapper) for wrapper in wrappers]
-    if given != wanted:
-        raise ValueError(
-            f"env is wrapped in {_names(given)}, outermost first, the checkpoint's in {_names(wanted)}: wrap it alike."
-        )
-    for wrapper, state in zip(wrappers, states, strict=True):
+    parts = _parts(vec_env)
+    for wrapper, state in zip(_wrappers(vec_env), states, strict=True):
         if state.attributes is not None:
-            vars(wrapper).update(cloudpickle.loads(state.attributes))
+            vars(wrapper).update(_Unpickler(state.attributes, parts).load())
             if isinstance(wrapper, VecMonitor):
                 wrapper.t_start += time.time()  # saved as minus the seconds that its clock had run
-    return vec_env
+
+
+class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]  # it has no types
+    """Pickles the parts of a VecEnv as their places."""
+
+    def __init__(self, file: io.BytesIO, places: dict[int, int]) -> None:
+        super().__init__(file)
+        self._places = places
+
+    def persistent_id(self, part: Any) -> int | None:
+        return self._places.get(id(part))
+
+
+class _Unpickler(pickle.Unpickler):
+    """Finds the parts of a VecEnv by their places."""
+
+    def __init__(self, pickled: bytes, parts: list[Any]) -> None:
+        super().__init__(io.BytesIO(pickled))
+        self._parts = parts
+
+    def persistent_load(self, place: int) -> Any:
+        return self._parts[place]
 
 
 class _NotPickled(Exception):
     """Raised with the reason why the environments cannot be saved."""
 
 
-def _save_wrapper(wrapper: VecEnvWrapper) -> WrapperState:
-    """Pickle the attributes of a wrapper, except those that belong to this process."""
+def _save_wrapper(wrapper: VecEnvWrapper, places: dict[int, int]) -> WrapperState:
+    """Pickle the attributes of a wrapper, except those that belong to this process; parts of the VecEnv as places."""
     kept = {name: value for name, value in vars(wrapper).items() if name not in _PER_PROCESS}
     if isinstance(wrapper, VecMonitor):
         kept["t_start"] -= time.time()
+    pickled = io.BytesIO()
     try:
-        return WrapperState(type(wrapper), cloudpickle.dumps(kept))
+        _Pickler(pickled, places).dump(kept)
+        return WrapperState(type(wrapper), pickled.getvalue())
     except Exception:  # a user's wrapper may raise anything when it is pickled
         return WrapperState(type(wrapper), None)
 
@@ -187,6 +218,15 @@ def _cut_file(monitor: Monitor[Any, Any], size: int) -> None:
     writer = monitor.results_writer
     if writer is not None and writer.file_handler.mode.startswith("a"):
         writer.file_handler.truncate(min(size, writer.file_handler.tell()))
+
+
+def _parts(vec_env: VecEnv) -> list[Any]:
+    """List what a wrapper may hold under names of its own: VecEnvs, outermost first, and the environments inside."""
+    parts: list[Any] = [*_wrappers(vec_env), vec_env.unwrapped]
+    if isinstance(vec_env.unwrapped, DummyVecEnv):
+        envs = vec_env.unwrapped.envs
+        parts += [envs, *(layer for env in envs for layer in _layers(env))]
+    return parts
 
 
 def _wrappers(vec_env: VecEnv) -> list[VecEnvWrapper]:

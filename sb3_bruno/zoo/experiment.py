@@ -1,13 +1,11 @@
-"""One training run: rl_zoo3's ExperimentManager, plus evaluation task by task and exact resume."""
+"""One training run: rl_zoo3's ExperimentManager, plus configs of ours and evaluation task by task."""
 
 from __future__ import annotations
 
 import argparse
 import math
-import shutil
-from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import rl_zoo3
@@ -17,39 +15,21 @@ from rl_zoo3.hyperparams_opt import HYPERPARAMS_SAMPLER
 from rl_zoo3.utils import SimpleLinearSchedule
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import EvalCallback
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.evaluation.eval_callback import TaskEvalCallback
-from sb3_bruno.resume.checkpoint import ResumeCallback, resume
-from sb3_bruno.runs.origin import save_origin
+from sb3_bruno.evaluation.resumable_eval import ResumableEvalCallback
 from sb3_bruno.zoo.configs import config_file, merged, read_configs
 from sb3_bruno.zoo.held_out import FRESH, HeldOut, hold_out, listed_tasks
+from sb3_bruno.zoo.kept_run import KeptRun, RunOptions, WholeStatistics
 from sb3_bruno.zoo.registry import converter_of, sampler_of
 
-CHECKPOINT = "checkpoint.pkl"
 ENCODER_ARGUMENTS = {"encoder_class", "encoder_kwargs", "critic_input"}
 
 
-class RunOptions(NamedTuple):
-    """What ExperimentManager does not know of a run.
-
-    Attributes:
-        checkpoint_freq: environment steps between checkpoints, 0 for none.
-        resume_from: the folder of the run to go on with; None starts a new run.
-        command: the arguments that start the run. They are saved in its folder, for resuming.
-        on_start: called when the agent starts to learn.
-    """
-
-    checkpoint_freq: int = 25_000
-    resume_from: Path | None = None
-    command: Sequence[str] = ()
-    on_start: Callable[[], None] = lambda: None
-
-
-class TaskExperiment(ExperimentManager):
-    """Train an agent as rl_zoo3 does, and so that the run can be resumed exactly.
+class TaskExperiment(KeptRun):
+    """Train an agent as rl_zoo3 does, on tasks, and so that the run can be resumed exactly.
 
     If the environment names its hidden task, evaluations go through its test tasks in turn, and the monitor files
     record the task of each episode.
@@ -72,16 +52,11 @@ class TaskExperiment(ExperimentManager):
         options: RunOptions | None = None,
         **kwargs: Any,
     ) -> None:
-        self._options = options or RunOptions()
-        self._resume_from = self._options.resume_from
-        if self._resume_from is None:  # a resumed run has its config in its folder
+        options = options or RunOptions()
+        if options.resume_from is None:  # a resumed run has its config in its folder
             config = config_file(algo, config)
-        super().__init__(args, algo, *rest, **kwargs | {"config": config})
+        super().__init__(args, algo, *rest, options=options, **kwargs | {"config": config})
         self._held_out: HeldOut | None = None  # set in a search
-        self._is_new = self._resume_from is None and not Path(self.save_path).exists()
-        if self._resume_from is not None:
-            self.save_path = str(self._resume_from)
-            self.params_path = f"{self.save_path}/{self.env_name}"
 
     def read_hyperparameters(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Read the config, then merge what a trial drew and what ``-params`` says.
@@ -102,11 +77,6 @@ class TaskExperiment(ExperimentManager):
         self.custom_hyperparams = {name: merged(config, given)[name] for name in given}
         read: tuple[dict[str, Any], dict[str, Any]] = super().read_hyperparameters()
         return read
-
-    def _save_config(self, saved_hyperparams: dict[str, Any]) -> None:
-        """Save the config of a new run. A resumed run has saved it already."""
-        if self._resume_from is None:
-            super()._save_config(saved_hyperparams)
 
     def _drawn_in_trial(self, config: dict[str, Any]) -> dict[str, Any]:
         """Return what the trial of ``--trial-id`` drew beside ``config``: a trial of rl_zoo3's search or our sweep."""
@@ -149,37 +119,11 @@ class TaskExperiment(ExperimentManager):
         processed: dict[str, Any] = super()._preprocess_action_noise(hyperparams, saved_hyperparams, env)
         return processed
 
-    def setup_experiment(self) -> tuple[BaseAlgorithm, dict[str, Any]] | None:
-        """Build the model, or load it from the checkpoint of a resumed run.
-
-        If that fails, a new run leaves no folder behind.
-        """
-        try:
-            results = super().setup_experiment()
-            if results is None:
-                self._prepare_search()
-                return None
-            model, saved_hyperparams = results
-            if self._resume_from is not None:
-                model = self._resumed(model, self._resume_from)
-        except Exception:
-            if self._is_new:
-                shutil.rmtree(self.save_path, ignore_errors=True)  # it holds no result
-            raise
-        chosen = ["--seed", str(self.seed), "--checkpoint-freq", str(self._options.checkpoint_freq)]
-        command = [*self._options.command, *chosen]  # if a flag is given twice, the last one counts
-        save_origin(Path(self.save_path), command)
-        return model, saved_hyperparams
-
-    def _resumed(self, model: BaseAlgorithm, folder: Path) -> BaseAlgorithm:
-        """Load the checkpoint in ``folder`` into the environments of ``model``."""
-        assert model.env is not None  # for mypy
-        model = resume(folder / CHECKPOINT, model.env, self.device)
-        print(f"Going on at {model.num_timesteps:,} of {self.n_timesteps:,} env steps")
-        for callback in self.callbacks:
-            if isinstance(callback, TaskEvalCallback):
-                callback.restore(model)
-        return model
+    def _set_up(self) -> tuple[BaseAlgorithm, dict[str, Any]] | None:
+        results = super()._set_up()
+        if results is None:
+            self._prepare_search()
+        return results
 
     def _prepare_search(self) -> None:
         """Hold out training tasks to judge trials on, and let what a trial draws be merged into the config."""
@@ -197,37 +141,30 @@ class TaskExperiment(ExperimentManager):
         finally:
             HYPERPARAMS_SAMPLER[self.algo] = stock
 
-    def learn(self, model: BaseAlgorithm) -> None:
-        """Train the model; a resumed run for the environment steps that are left."""
-        self._options.on_start()
-        super().learn(model if self._resume_from is None else _Remaining(model))  # type: ignore[arg-type]
-
     def create_callbacks(self) -> None:
         """Create rl_zoo3's callbacks, TaskEvalCallback for an environment with a hidden task, and checkpoints."""
         super().create_callbacks()  # type: ignore[no-untyped-call]
         stock = self.callbacks[-1] if self.callbacks else None
-        if isinstance(stock, EvalCallback) and self._names_its_task():
-            self.callbacks[-1] = TaskEvalCallback(
+        if isinstance(stock, EvalCallback):
+            kind = TaskEvalCallback if self._names_its_task() else ResumableEvalCallback
+            self.callbacks[-1] = kind(
                 stock.eval_env,
-                callback_on_new_best=stock.callback,
+                callback_on_new_best=WholeStatistics(save_freq=1, save_path=self.params_path),
                 best_model_save_path=self.save_path,
                 n_eval_episodes=self._whole_cycles(max(self._n_test_tasks(), 1)),
                 log_path=self.save_path,
                 eval_freq=self.eval_freq,
                 deterministic=self.deterministic_eval,
             )
-        if self._options.checkpoint_freq > 0 and issubclass(rl_zoo3.ALGOS[self.algo], OffPolicyAlgorithm):
-            self.callbacks.append(ResumeCallback(Path(self.save_path) / CHECKPOINT, self._options.checkpoint_freq))
+        self.create_checkpoints(rl_zoo3.ALGOS[self.algo])
 
     def create_envs(self, n_envs: int, eval_env: bool = False, no_log: bool = False) -> VecEnv:
-        """Create the environments, with the task in the monitor files. A resumed run appends to its files.
+        """Create the environments, with the task in the monitor files.
 
         In a search, the environments that judge a trial get a seed of their own.
         """
         if self._names_its_task():
             self.monitor_kwargs.setdefault("info_keywords", ("task_index", "task"))
-        if self._resume_from is not None:
-            self.monitor_kwargs["override_existing"] = False
         if eval_env and self._eval_env_kwargs_args is None:
             self.eval_env_kwargs = self._test_env_kwargs()
         fresh = FRESH if eval_env and self._held_out is not None else 0
@@ -283,14 +220,3 @@ class _Config(dict[str, Any]):
 
     def update(self, drawn: dict[str, Any]) -> None:  # type: ignore[override]  # rl_zoo3 passes a dict
         super().update(merged(self, drawn))
-
-
-class _Remaining:
-    """A resumed model, as ``ExperimentManager.learn`` sees it: it learns for the steps that are left."""
-
-    def __init__(self, model: BaseAlgorithm) -> None:
-        self._model = model
-        self.env = model.env
-
-    def learn(self, total_timesteps: int, **kwargs: Any) -> None:
-        self._model.learn(max(total_timesteps - self._model.num_timesteps, 0), reset_num_timesteps=False, **kwargs)

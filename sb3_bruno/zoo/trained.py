@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_bruno.runs.clock import TrainingClock
+from sb3_bruno.runs.folder import is_unfinished, latest_finished
 from sb3_bruno.runs.origin import trained_at
 from sb3_bruno.zoo.one_line import in_one_line
 from sb3_bruno.zoo.registry import import_packages
@@ -75,20 +77,24 @@ def load_trained(
         algo: rl_zoo3's name of the algorithm.
         env: id of the environment.
         logs: the log folder.
-        exp_id: the run's number, 0 for the latest.
+        exp_id: the run's number, 0 for the latest that has come to its end.
         load_best: load the best model of the run instead of the last.
         split: the tasks to test on, "train" or "test".
         steps: length of a test episode; None for the environment's own.
 
     Raises:
-        ValueError: if no agent can be loaded, its environment has no list of tasks, or ``steps`` would cut a trial.
+        ValueError: if no agent can be loaded, all runs are unfinished and ``exp_id`` chooses none, its environment has
+            no list of tasks, or ``steps`` would cut a trial.
     """
     env_name = EnvironmentName(env)
+    exp_id = exp_id or latest_finished(Path(logs) / algo, env_name)
     try:
         _, model_path, folder = get_model_path(exp_id, str(logs), algo, env_name, load_best)
     except AssertionError as error:
         raise ValueError(str(error)) from error
     run, params = Path(folder), Path(folder) / env_name
+    if is_unfinished(run):
+        warnings.warn(f"{run} is unfinished: this is the agent as it was when it was last saved.", stacklevel=2)
     saved = SavedRun.load(params)
     import_packages(saved.gym_packages)
     env_kwargs = saved.env_kwargs | {"split": split}

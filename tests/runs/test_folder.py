@@ -1,0 +1,80 @@
+"""One process at a time trains in a run's folder, which a dead one does not keep."""
+
+import os
+import time
+
+import pytest
+
+from sb3_bruno.runs.folder import UNFINISHED, RunFolder, is_unfinished, latest_finished
+
+
+def in_child(act):
+    """Act in a child process; return its id, once it has acted. It stays until it is killed."""
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        held = act()  # noqa: F841  # a lock that nobody holds would be let go
+        os.write(write, b".")
+        while True:
+            time.sleep(0.01)
+    os.read(read, 1)
+    return child
+
+
+def test_a_folder_is_made_once_and_only_its_maker_discards_it(tmp_path):
+    path = tmp_path / "logs" / "PointDir-v0_1"
+    made = RunFolder.make(path)
+    with pytest.raises(FileExistsError):
+        RunFolder.make(path)
+    made.release()
+    (path / "agent.zip").touch()
+    RunFolder(path).discard()
+    assert (path / "agent.zip").exists(), "which another process had made"
+    made.discard()
+    assert not path.exists()
+
+
+def test_a_held_folder_names_its_holder_until_that_dies(tmp_path):
+    child = in_child(lambda: RunFolder(tmp_path))
+    try:
+        for _ in range(2):
+            with pytest.raises(ValueError, match=rf"{tmp_path} is in use: process {child} on .* trains there"):
+                RunFolder(tmp_path)
+    finally:
+        os.kill(child, 9)
+        os.waitpid(child, 0)
+    RunFolder(tmp_path).release()
+    RunFolder(tmp_path).release()
+
+
+def run(folder, number, unfinished=False, env="PointDir-v0"):
+    path = folder / f"{env}_{number}"
+    path.mkdir(parents=True)
+    (path / f"{env}.zip").touch()
+    if unfinished:
+        (path / UNFINISHED).touch()
+
+
+def test_the_mark_comes_and_goes(tmp_path):
+    folder = RunFolder(tmp_path)
+    assert not is_unfinished(tmp_path)
+    folder.begin()
+    assert is_unfinished(tmp_path) and "--resume" in (tmp_path / UNFINISHED).read_text()
+    folder.finish()
+    folder.finish()
+    assert not is_unfinished(tmp_path)
+
+
+def test_the_latest_finished_run_is_found_among_others(tmp_path):
+    assert latest_finished(tmp_path, "PointDir-v0") == latest_finished(tmp_path / "none", "PointDir-v0") == 0
+    run(tmp_path, 2, env="PointDir-v01")
+    (tmp_path / "PointDir-v0_12").mkdir()  # died before it saved an agent, or was a search
+    run(tmp_path, 3, unfinished=True)
+    with pytest.raises(ValueError, match=r"PointDir-v0_3 is unfinished: .*--resume .*PointDir-v0_3`, .*`--exp-id 3`"):
+        latest_finished(tmp_path, "PointDir-v0")
+    run(tmp_path, 9)
+    run(tmp_path, 10)
+    assert latest_finished(tmp_path, "PointDir-v0") == 10
+    run(tmp_path, 11, unfinished=True)
+    with pytest.warns(UserWarning, match=r"PointDir-v0_11 is unfinished: .* Taken instead: .*PointDir-v0_10"):
+        assert latest_finished(tmp_path, "PointDir-v0") == 10
