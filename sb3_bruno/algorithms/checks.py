@@ -243,6 +243,23 @@ def read_task_space(env: VecEnv, known: spaces.Box | None = None) -> spaces.Box:
     return known or task_space
 
 
+def check_early_resets(env: VecEnv) -> None:
+    """Check that no Monitor refuses the reset with which learning begins.
+
+    Raises:
+        ValueError: if one does, with the remedy.
+    """
+    if not (env.has_attr("allow_early_resets") and env.has_attr("needs_reset")):
+        return
+    for allowed, has_ended in zip(env.get_attr("allow_early_resets"), env.get_attr("needs_reset"), strict=True):
+        if not allowed and not has_ended:
+            raise ValueError(
+                "`allow_early_resets=False` of the env's Monitor forbids to leave an episode, and learning begins with "
+                "a new one: it starts anew, or stopped in the middle of a rollout. Use "
+                "`Monitor(env, allow_early_resets=True)`, or give the model new envs by `set_env`."
+            )
+
+
 def check_task_infos(env: VecEnv) -> None:
     """Check the infos of a reset that just happened.
 

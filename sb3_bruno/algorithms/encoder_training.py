@@ -15,7 +15,6 @@ from torch import Tensor
 
 from sb3_bruno.algorithms.carried import Carried
 from sb3_bruno.algorithms.checks import check_buffer, check_encoder_updates
-from sb3_bruno.algorithms.late_log import log_late
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.encoders import HasPosterior, Loss, TaskEncoder
@@ -74,14 +73,21 @@ class EncoderTraining(OffPolicyAlgorithm):
         )
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
-        """Update the encoder and the actor-critic, the latter as SB3 does, on beliefs of the encoder as it is now."""
+        """Update the encoder and the actor-critic, the latter as SB3 does, on beliefs of the encoder as it is now.
+
+        It may be called without ``learn``, on a replay buffer that was loaded: then the encoder is trained too, though
+        the model has taken no steps.
+        """
         if self.encoder.learns_from != "own":
             self._train_with_encoder(gradient_steps, batch_size)
             return
-        if self._encoder_has_started():
-            self._train_encoder(gradient_steps)
+        is_called_by_learn = self.num_timesteps > self.learning_starts  # it calls no earlier
+        scalars: Mapping[str, Tensor] = {}
+        if self._encoder_has_started() or not is_called_by_learn:
+            scalars = self._train_encoder(gradient_steps)
         self.replay_buffer.forget_beliefs()
         super().train(gradient_steps, batch_size)
+        self._record(scalars)
 
     def _encoder_has_started(self) -> bool:
         starts = self.learning_starts if self.encoder_learning_starts is None else self.encoder_learning_starts
@@ -89,18 +95,22 @@ class EncoderTraining(OffPolicyAlgorithm):
 
     # -- an own loss -----------------------------------------------------------------------------------------
 
-    def _train_encoder(self, gradient_steps: int) -> None:
-        """Make the updates due, ``encoder_update_ratio`` per actor-critic update: fractions add up over calls."""
+    def _train_encoder(self, gradient_steps: int) -> Mapping[str, Tensor]:
+        """Make the updates due, ``encoder_update_ratio`` per actor-critic update: fractions add up over calls.
+
+        Returns:
+            What to log of them, by name.
+        """
         assert self.encoder_update_ratio is not None  # for mypy: it learns from its own loss
         self._encoder_updates_due += self.encoder_update_ratio * gradient_steps
         n_updates = int(self._encoder_updates_due)
         self._encoder_updates_due -= n_updates
         if n_updates == 0:
-            return
+            return {}
         self._set_learning_rate()
         with training_mode(self.encoder):
             losses = [self._update_encoder() for _ in range(n_updates)]
-        self._finish_updates([loss.scalars for loss in losses if loss is not None])
+        return self._finish_updates([loss.scalars for loss in losses if loss is not None])
 
     def _update_encoder(self) -> Loss | None:
         """Take one step down the encoder's own loss; None if it has none."""
@@ -123,7 +133,7 @@ class EncoderTraining(OffPolicyAlgorithm):
             super().train(gradient_steps, batch_size)
         self._learn_from_samples()
         scalars, self._scalars_of_updates = self._scalars_of_updates, []  # a saved model holds no tensor of some device
-        self._finish_updates(scalars)
+        self._record(self._finish_updates(scalars))
 
     @contextmanager
     def _hooks(self) -> Iterator[None]:
@@ -196,29 +206,39 @@ class EncoderTraining(OffPolicyAlgorithm):
             for buffer, followed in zip(target.buffers(), self.encoder.buffers(), strict=True):
                 buffer.copy_(followed)  # running statistics, and what is no number to average, such as an order
 
-    def _finish_updates(self, scalars: Sequence[Mapping[str, Tensor]]) -> None:
-        """Encode the running episodes again, and log the mean of what each of the updates has to tell."""
+    def _finish_updates(self, scalars: Sequence[Mapping[str, Tensor]]) -> Mapping[str, Tensor]:
+        """Encode the running episodes again, and return the mean of what each of the updates has to tell, by name."""
         self._n_encoder_updates += len(scalars)
-        self._recall_running_episodes()
+        recalled = self._recall_running_episodes()
         self.logger.record("encoder/n_updates", self._n_encoder_updates, exclude="tensorboard")
         names = scalars[0] if scalars else ()
         means = {name: th.stack([update[name] for update in scalars]).mean() for name in names}
         means |= self.encoder.diagnostics()
-        log_late(self.logger, {f"encoder/{name}": value for name, value in means.items()})
+        return {**{f"encoder/{name}": value for name, value in means.items()}, **recalled}
 
-    def _recall_running_episodes(self) -> None:
+    def _record(self, scalars: Mapping[str, Tensor]) -> None:
+        """Log tensors of shape () as numbers. After SB3's updates, which wait for a GPU anyway, it waits no longer."""
+        if scalars:
+            numbers = th.stack([scalar.detach() for scalar in scalars.values()]).tolist()  # in one transfer
+            for name, number in zip(scalars, numbers, strict=True):
+                self.logger.record(name, number)
+
+    def _recall_running_episodes(self) -> Mapping[str, Tensor]:
         """Encode the running episodes again, so that a carried belief hardly mixes an old encoder with a new.
 
         Episodes of up to 64 transitions are encoded again after every round of updates, longer ones less often, or a
         round would cost the more the longer they are. Example: an episode of 200 is due every fourth round. The newest
         transition is left out: the next observation brings it.
+
+        Returns:
+            What to log of their beliefs, by name; empty if none was encoded.
         """
         if self._carried is None:
-            return
+            return {}
         slots, lengths = self.replay_buffer.episodes.running()
         self._rounds_since_recall += 1
         if RECALLED * self._rounds_since_recall < lengths.max():
-            return
+            return {}
         self._rounds_since_recall = 0
         transitions = self.replay_buffer.transitions(slots, self._vec_normalize_env)
         with th.no_grad():
@@ -228,8 +248,8 @@ class EncoderTraining(OffPolicyAlgorithm):
             memory = map_memory(lambda prefixes: prefixes[envs, known], self.encoder.prefixes(transitions, absorbed))
             if isinstance(self.encoder, HasPosterior):
                 posterior = self.encoder.posterior(memory)
-                scalars = {"belief/mean_abs": posterior.mean.abs().mean(), "belief/var": posterior.variance.mean()}
+                beliefs = {"belief/mean_abs": posterior.mean.abs().mean(), "belief/var": posterior.variance.mean()}
             else:
-                scalars = {"belief/mean_abs": self.encoder.belief(memory).abs().mean()}
+                beliefs = {"belief/mean_abs": self.encoder.belief(memory).abs().mean()}
         self._carried = self._carried._replace(memory=memory)
-        log_late(self.logger, scalars)
+        return beliefs

@@ -21,6 +21,7 @@ from sb3_bruno.algorithms.beliefs import BeliefQueries
 from sb3_bruno.algorithms.carried import Carried, State
 from sb3_bruno.algorithms.checks import (
     check_algorithm,
+    check_early_resets,
     check_encoder_arguments,
     check_task_infos,
     family_of,
@@ -140,6 +141,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         if starts_anew and self.env is not None:
             # Before the reset, which restores what a copy may share with its original.
             warn_of_task_without_effect(self.env)
+            check_early_resets(self.env)
         result = super()._setup_learn(total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar)
         self.replay_buffer.family = family_of(self.env)
         if starts_anew:
@@ -194,7 +196,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         before_actor = self.num_timesteps <= self.learning_starts
         if continues and before_actor and self.encoder.learns_from == "own" and self._encoder_has_started():
             gradient_steps = self.gradient_steps if self.gradient_steps >= 0 else rollout.episode_timesteps
-            self._train_encoder(gradient_steps)
+            self._record(self._train_encoder(gradient_steps))
         return rollout
 
     def set_env(self, env: GymEnv, force_reset: bool = True) -> None:

@@ -2,11 +2,15 @@
 
 import warnings
 from contextlib import nullcontext
+from copy import deepcopy
 
+import gymnasium as gym
 import numpy as np
 import pytest
+import torch as th
 from stable_baselines3.common.callbacks import (
     CheckpointCallback,
+    ConvertCallback,
     EvalCallback,
     StopTrainingOnMaxEpisodes,
     StopTrainingOnNoModelImprovement,
@@ -14,6 +18,8 @@ from stable_baselines3.common.callbacks import (
 )
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from tensorboard.backend.event_processing import event_accumulator
 
@@ -23,6 +29,7 @@ from support.tiny_models import (
     assert_carries,
     assert_same,
     for_each_that_takes,
+    make_pendulum,
     make_point,
     normalized,
     rollout,
@@ -130,3 +137,28 @@ def test_tensorboard_shows_encoder_and_belief(algorithm, make_model, tmp_path):
     what_it_learns = {"encoder/bound_nats", "belief/var"} if infers else {"encoder/gradient_norm"}
     assert what_it_learns <= shown
     assert all(np.isfinite(event.value) for name in what_it_learns for event in events.Scalars(name))
+
+
+def test_train_alone_trains_the_encoder_on_a_buffer_that_was_loaded(make_model, trained, tmp_path):
+    trained.save_replay_buffer(tmp_path / "buffer.pkl")
+    model = make_model(make_pendulum())
+    model.load_replay_buffer(tmp_path / "buffer.pkl")
+    model.set_logger(configure(None, []))
+    before = deepcopy(model.policy.state_dict())
+    model.train(gradient_steps=4, batch_size=16)
+    assert model.num_timesteps == 0 and model._n_encoder_updates > 0
+    changed = [name for name, value in model.policy.state_dict().items() if not th.equal(value, before[name])]
+    assert {name.split(".")[0] for name in changed} >= {"actor", "critic", "encoder"}
+
+
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_a_monitor_that_forbids_early_resets_is_named_before_anything_is_reset(make_model, goes_on):
+    env = Monitor(gym.make(POINT), allow_early_resets=False)
+    model = make_model(env).learn(30)  # a whole episode
+    model.learn(10, reset_num_timesteps=False)
+    if goes_on:
+        model.learn(10, ConvertCallback(lambda *_: False), reset_num_timesteps=False)  # stops in mid-rollout
+    with pytest.raises(ValueError, match=r"`allow_early_resets=False` .*allow_early_resets=True.*set_env"):
+        model.learn(10, reset_num_timesteps=not goes_on)
+    model.set_env(make_point())
+    model.learn(10, reset_num_timesteps=not goes_on)
