@@ -20,9 +20,12 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from sb3_bruno import BrunoSAC
 from sb3_bruno.evaluation import AdaptationResult, evaluate_adaptation
 from sb3_bruno.evaluation.eval_callback import TaskEvalCallback, load_learning_curve
+from sb3_bruno.files.whole import whole_file
 from sb3_bruno.plotting.curves import plot_adaptation, plot_learning_curves
-from sb3_bruno.resume.checkpoint import ResumeCallback, resume
+from sb3_bruno.resume.checkpoint import resume
+from sb3_bruno.resume.interrupt import InterruptibleResumeCallback
 from sb3_bruno.runs.denormals import flushed_denormals
+from sb3_bruno.runs.folder import RunFolder
 from sb3_bruno_envs import CHEETAH_DIR_TASKS
 
 ENV_ID = "sb3_bruno_envs:CheetahDir-v0"
@@ -65,7 +68,16 @@ def main(arguments: list[str] | None = None) -> None:
     steps = options.steps if options.steps is not None else FULL_STEPS if options.full else SHORT_STEPS
     if steps < 1:
         parser.error(f"--steps must be positive, got {steps}: give 1 or more")
-    run(steps, options.seed, options.out / f"cheetah_dir_{steps}_seed{options.seed}")
+    folder = options.out / f"cheetah_dir_{steps}_seed{options.seed}"
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        held = RunFolder(folder)
+    except ValueError as error:
+        parser.error(str(error))
+    try:
+        run(steps, options.seed, folder)
+    finally:
+        held.release()
 
 
 def run(steps: int, seed: int, folder: Path) -> AdaptationResult:
@@ -74,7 +86,8 @@ def run(steps: int, seed: int, folder: Path) -> AdaptationResult:
     folder.mkdir(parents=True, exist_ok=True)
     with flushed_denormals():
         model = train(steps, seed, folder)
-    model.save(folder / "model.zip")
+    with whole_file(folder / "model.zip") as part:
+        model.save(part)
     result = evaluate_adaptation(
         model,
         lambda: gym.make(ENV_ID, split="test", max_episode_steps=TEST_STEPS),
@@ -111,10 +124,11 @@ def train(steps: int, seed: int, folder: Path) -> OffPolicyAlgorithm:
         print(f"Going on at {model.num_timesteps:,} env steps, from {checkpoint}")
     else:
         model = BrunoSAC("MlpPolicy", env, seed=seed, **HYPERPARAMETERS)
-    callbacks = [evaluate, ResumeCallback(checkpoint, SAVE_FREQ)]
+    save = InterruptibleResumeCallback(checkpoint, SAVE_FREQ)
     remaining = steps - model.num_timesteps
     if remaining > 0:
-        model.learn(remaining, callbacks, reset_num_timesteps=False, progress_bar=True)
+        with save.listening():
+            model.learn(remaining, [evaluate, save], reset_num_timesteps=False, progress_bar=True)
     return model
 
 

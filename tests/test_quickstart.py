@@ -5,6 +5,7 @@ import pytest
 from sb3_bruno import BrunoSAC, quickstart
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.eval_callback import load_learning_curve
+from sb3_bruno.runs.folder import RunFolder
 from sb3_bruno.runs.record import RunRecord
 
 pytestmark = pytest.mark.mujoco
@@ -54,3 +55,13 @@ def test_mistakes_are_one_line(steps, capsys, monkeypatch):
     with pytest.raises(SystemExit):
         quickstart.main(["--steps", steps])
     assert f"--steps must be positive, got {steps}" in capsys.readouterr().err
+
+
+def test_two_processes_do_not_train_the_same_run(tmp_path, capsys, monkeypatch):
+    monkeypatch.delattr(quickstart, "run")
+    (tmp_path / "cheetah_dir_80_seed1").mkdir()
+    held = RunFolder(tmp_path / "cheetah_dir_80_seed1")
+    with pytest.raises(SystemExit):
+        quickstart.main(["--steps", "80", "--out", str(tmp_path)])
+    assert "cheetah_dir_80_seed1 is in use: process" in capsys.readouterr().err
+    held.release()

@@ -16,6 +16,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.her.her_replay_buffer import HerReplayBuffer
 
+from sb3_bruno.algorithms.checks import check_family
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.files.sealed import Damaged, sealing, unsealed
 from sb3_bruno.resume.env_state import EnvState, restore_envs, restore_wrappers, save_envs, wrapped_alike
@@ -158,7 +159,7 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
     Raises:
         FileNotFoundError: if there is no checkpoint at ``path``.
         ValueError: if the file is damaged or of another version, or if ``env`` has other wrappers, or another number of
-            envs or Monitors, than the checkpoint.
+            envs or Monitors, than the checkpoint, or is of another env family.
 
     Example:
         Continue a run of 100,000 steps:
@@ -172,6 +173,7 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
     vec_env = OffPolicyAlgorithm._wrap_env(env)
     if vec_env.num_envs != buffer.n_envs:
         raise ValueError(f"env has {vec_env.num_envs} envs, the checkpoint {buffer.n_envs}: make as many.")
+    check_family(buffer, vec_env)
     vec_env = wrapped_alike(vec_env, state.wrappers)
     restore_envs(vec_env, state)
     restore_wrappers(vec_env, state.wrappers)
