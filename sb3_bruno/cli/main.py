@@ -17,6 +17,7 @@ from typing import Any
 import rl_zoo3.enjoy
 import rl_zoo3.train
 import rl_zoo3.utils
+import yaml
 from huggingface_sb3 import EnvironmentName
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -31,6 +32,7 @@ from sb3_bruno.runs.origin import ORIGIN, load_command
 from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.kept_run import CHECKPOINT, RunOptions
 from sb3_bruno.zoo.registry import check_registered, import_packages, register
+from sb3_bruno.zoo.saved_yaml import SavedLoader
 
 DEFAULTS = {"--algo": "bruno_sac", "--env": "CheetahDir-v0"}
 INTERRUPTED = 130  # the exit code that shells give a command that Ctrl-C ended
@@ -209,12 +211,16 @@ def _check_env(command: Arguments, packages: Sequence[str] = ()) -> None:
 def _call(
     upstream: Callable[[], None], name: str, arguments: Arguments, has_started: Callable[[], bool] = lambda: False
 ) -> None:
-    """Call a function of rl_zoo3 that reads ``sys.argv``.
+    """Call a function of rl_zoo3 that reads ``sys.argv``, and let it read what a run saved as data.
 
     Raises:
         Mistake: if it raises before the work has started; later errors stay as they are.
     """
-    with told_as_mistake(Exception, has_started), _replaced(sys, "argv", [f"sb3-bruno {name}", *arguments]):
+    with (
+        told_as_mistake(Exception, has_started),
+        _replaced(sys, "argv", [f"sb3-bruno {name}", *arguments]),
+        _replaced(yaml, "UnsafeLoader", SavedLoader),
+    ):
         upstream()
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import gymnasium as gym
 import rl_zoo3
-import yaml
 from rl_zoo3.exp_manager import ExperimentManager
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_SAMPLER
 from rl_zoo3.utils import SimpleLinearSchedule
@@ -24,6 +23,7 @@ from sb3_bruno.zoo.configs import config_file, merged, read_configs
 from sb3_bruno.zoo.held_out import FRESH, HeldOut, hold_out, listed_tasks
 from sb3_bruno.zoo.kept_run import KeptRun, RunOptions, WholeStatistics
 from sb3_bruno.zoo.registry import converter_of, sampler_of
+from sb3_bruno.zoo.saved_yaml import read_saved
 
 ENCODER_ARGUMENTS = {"encoder_class", "encoder_kwargs", "critic_input"}
 
@@ -65,7 +65,7 @@ class TaskExperiment(KeptRun):
         run uses the hyperparameters in its folder, even if the config has changed since.
         """
         if self._resume_from is not None:
-            saved: dict[str, Any] = yaml.unsafe_load(Path(self.params_path, "config.yml").read_text(encoding="utf-8"))
+            saved = read_saved(Path(self.params_path, "config.yml"))
             return dict(saved), saved
         configs = read_configs(self.config)
         if configs and not self._is_atari and not {self.env_name.gym_id, "default"} & configs.keys():

@@ -7,10 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
-from rl_zoo3.utils import get_saved_hyperparams
-
 from sb3_bruno.zoo.configs import config_file, config_name, read_configs
+from sb3_bruno.zoo.saved_yaml import read_saved
 
 
 class SavedRun(NamedTuple):
@@ -32,15 +30,14 @@ class SavedRun(NamedTuple):
             params: the folder that holds them, which is named after the environment, in the run's folder.
 
         Raises:
-            ValueError: if there is no ``args.yml``.
+            ValueError: if one of them is missing or cannot be read.
         """
         try:
-            text = (params / "args.yml").read_text(encoding="utf-8")
+            arguments = read_saved(params / "args.yml")
+            hyperparams = {"normalize": False} | read_saved(params / "config.yml")
         except FileNotFoundError as error:
-            raise ValueError(f"{params} has no args.yml, which `sb3-bruno train` writes: train there") from error
-        arguments: dict[str, Any] = yaml.unsafe_load(text)  # unsafe, because rl_zoo3 writes an OrderedDict
-        hyperparams: dict[str, Any] = get_saved_hyperparams(str(params))[0]
-        hyperparams.pop("normalize_kwargs", None)  # rl_zoo3 derives it from "normalize"
+            missing = Path(error.filename).name
+            raise ValueError(f"{params} has no {missing}, which `sb3-bruno train` writes: train there") from error
         policy_kwargs = hyperparams.get("policy_kwargs")
         if isinstance(policy_kwargs, dict) and policy_kwargs.get("use_sde") is False:
             del policy_kwargs["use_sde"]  # SB3 writes this default into the dict that it is given

@@ -22,6 +22,7 @@ from sb3_bruno.evaluation.eval_callback import load_learning_curve
 from sb3_bruno.runs.origin import ORIGIN, trained_at
 from sb3_bruno.zoo.configs import config_file, config_name, configs_folder
 from sb3_bruno.zoo.registry import ALGORITHMS
+from sb3_bruno.zoo.saved_yaml import read_saved
 from sb3_bruno_envs import CHEETAH_VEL_TASKS
 from support.tiny_runs import tiny
 
@@ -44,7 +45,7 @@ def test_every_config_runs(run, tmp_path, conf, algo, env):
     assert run("train", *arguments)[1] == ""
     folder = tmp_path / "logs" / algo / f"{env}_1"
     assert (folder / f"{env}.zip").is_file()
-    saved = yaml.unsafe_load((folder / env / "config.yml").read_text())
+    saved = read_saved(folder / env / "config.yml")
     given = yaml.safe_load(Path(config_file(algo, conf)).read_text())[env]
     assert set(given) <= set(saved)
 

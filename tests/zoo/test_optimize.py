@@ -16,6 +16,7 @@ from sb3_bruno.zoo.configs import config_file, read_configs
 from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.registry import register
 from sb3_bruno.zoo.sampler import SearchSpace
+from sb3_bruno.zoo.saved_yaml import read_saved
 from sb3_bruno.zoo.study import open_storage
 from sb3_bruno_envs import MetaTask, PointDirEnv, TransitionObservation
 
@@ -44,7 +45,7 @@ def test_a_search_of_rl_zoo_and_a_training_with_what_it_found(tmp_path, monkeypa
 
     main([*OURS, *STUDY, "--trial-id", "0", "--eval-freq", "-1", "-params", *TINY, "gamma:0.5"])
     (run,) = (tmp_path / "logs" / "bruno_sac").glob("*/PointDir-v0/config.yml")
-    used = dict(yaml.unsafe_load(run.read_text()))
+    used = dict(read_saved(run))
     config = read_configs(config_file("bruno_sac"))["PointDir-v0"]
     drawn = SearchSpace(BrunoEncoder).convert({**study.trials[0].params, "n_envs": 2})
     assert used["gamma"] == 0.5  # -params goes over the trial
