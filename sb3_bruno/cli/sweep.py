@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +14,31 @@ import optuna
 import rl_zoo3
 import torch as th
 import yaml
+from optuna.exceptions import StorageInternalError
 from optuna.trial import TrialState
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_SAMPLER
 from rl_zoo3.utils import StoreDict
+from sqlalchemy.exc import SQLAlchemyError
 
 from sb3_bruno.cli.mistake import Mistake, told_as_mistake
 from sb3_bruno.cli.parser import add_gym_packages, at_least_one, command_parser
+from sb3_bruno.cli.trial_bar import trial_bar
 from sb3_bruno.runs.denormals import flushed_denormals
 from sb3_bruno.zoo.configs import config_file, merged, read_configs
 from sb3_bruno.zoo.one_line import in_one_line
+from sb3_bruno.zoo.plain_text import check_texts
 from sb3_bruno.zoo.registry import converter_of, import_packages
-from sb3_bruno.zoo.study import SETTINGS, SweepSettings, check_config, create_study, load_study
+from sb3_bruno.zoo.storage import without_password
+from sb3_bruno.zoo.study import SETTINGS, SweepSettings, check_config, create_study, load_study, other_code
 from sb3_bruno.zoo.sweep import SweepExperiment
-from sb3_bruno.zoo.workers import COUNTED, GIVEN_BACK, OWNER, give_back_surplus, requeue_lost_trials
+from sb3_bruno.zoo.work import GaveUp, tell_of_lost_trials, work
+from sb3_bruno.zoo.workers import GIVEN_BACK, OWNER
 
-PATIENCE = 5  # trials that may fail one after another before a worker gives up
+ELSEWHERE = {  # flags of other searches, and what a sweep has in their place
+    "--n-jobs": "each `sweep run` is one worker, and you may start as many as you like",
+    "--sampler": "a sweep draws by TPE, after --n-startup-trials of sweep init at random",
+    "--pruner": "a sweep prunes below the median, after --n-startup-trials of sweep init",
+}
 
 
 def sweep(arguments: list[str]) -> None:
@@ -38,6 +50,10 @@ def sweep(arguments: list[str]) -> None:
              sb3-bruno sweep best --storage sweep.log --study-name point --out best.yml
              sb3-bruno train --env PointDir-v0 -conf best.yml
     """
+    for flag, value in zip(arguments, [*arguments[1:], ""], strict=True):
+        name = flag.partition("=")[0]
+        if name in ELSEWHERE:
+            raise Mistake(f"{flag if '=' in flag else f'{flag} {value}'.strip()}: {ELSEWHERE[name]}, so leave it out")
     options = _parser().parse_args(arguments)
     options.command(options)
 
@@ -62,11 +78,12 @@ class StoreParams(StoreDict):
 
 def init(options: argparse.Namespace) -> None:
     """Create the study: once, before the workers start."""
+    package, _, env = options.env.rpartition(":")  # as in my_package:My-v0
     settings: SweepSettings = {
         "algo": options.algo,
-        "env": options.env,
-        "gym_packages": options.gym_packages,
-        "config": merged(read_config(options.algo, options.env, options.conf), options.hyperparams or {}),
+        "env": env,
+        "gym_packages": [*options.gym_packages, package] if package else options.gym_packages,
+        "config": merged(read_config(options.algo, env, options.conf), options.hyperparams or {}),
         "n_timesteps": options.n_timesteps,
         "n_evaluations": options.n_evaluations,
         "n_startup_trials": options.n_startup_trials,
@@ -76,9 +93,10 @@ def init(options: argparse.Namespace) -> None:
         check_config(settings["config"])
     with told_as_mistake(Exception):  # config and -params are Python, which may raise anything
         SweepExperiment(settings).check()
-    with told_as_mistake():
+    with told_as_mistake(), told_as_lost(options):
         create_study(options.storage, options.study_name, settings)
-    print(f"Made {options.study_name} in {options.storage}: start workers with sb3-bruno sweep run")
+    storage = without_password(options.storage)
+    print(f"Made {options.study_name} in {storage}: start workers with sb3-bruno sweep run")
 
 
 def read_config(algo: str, env: str, conf: str | None) -> dict[str, Any]:
@@ -90,9 +108,9 @@ def read_config(algo: str, env: str, conf: str | None) -> dict[str, Any]:
     with told_as_mistake(OSError), told_as_mistake(ValueError):
         path = config_file(algo, conf) or str(Path(rl_zoo3.__file__).parent / "hyperparams" / f"{algo}.yml")
         configs = read_configs(path)
-    if env not in configs:
+    config: dict[str, Any] | None = configs.get(env, configs.get("default"))
+    if config is None:
         raise Mistake(f"{path} has no {env}: give another file by -conf")
-    config: dict[str, Any] = configs[env]
     return config
 
 
@@ -102,7 +120,7 @@ def find_study(options: argparse.Namespace) -> optuna.Study:
     Raises:
         Mistake: if there is none.
     """
-    with told_as_mistake():
+    with told_as_mistake(), told_as_lost(options):
         return load_study(options.storage, options.study_name)
 
 
@@ -112,43 +130,47 @@ def run(options: argparse.Namespace) -> None:
     study = find_study(options)
     with told_as_mistake(Exception):
         experiment = SweepExperiment(study.user_attrs[SETTINGS])
+    warning = other_code(study)
+    if warning is not None:
+        print(f"Warning: {warning}", file=sys.stderr)
 
     def objective(trial: optuna.Trial) -> float:
-        if options.max_total_trials:
-            give_back_surplus(trial, options.max_total_trials)
         with flushed_denormals():
             return experiment.objective(trial)
 
-    def is_done() -> bool:
-        tell_of_lost_trials(study)
-        return len(study.get_trials(deepcopy=False, states=COUNTED)) >= (options.max_total_trials or float("inf"))
-
-    n_failed = 0  # in a row
-
-    def stop_when_done(study: optuna.Study, trial: optuna.trial.FrozenTrial) -> None:
-        nonlocal n_failed
-        n_failed = n_failed + 1 if trial.state == TrialState.FAIL and GIVEN_BACK not in trial.user_attrs else 0
-        if is_done() or n_failed == PATIENCE:
-            study.stop()
-
-    if not is_done():
-        study.optimize(
-            objective,
-            n_trials=options.n_trials,
-            callbacks=[stop_when_done],
-            catch=(Exception,),  # an error fails its trial, traceback and all, and the next one starts
-            gc_after_trial=True,
-        )
+    limits = {"n_trials": options.n_trials, "max_total": options.max_total_trials}
+    gave_up = None
+    with told_as_lost(options), trial_bar(study, **limits) as advance:
+        try:
+            work(study, objective, **limits, after_trial=advance)
+        except GaveUp as error:
+            gave_up = error
     status(options)
-    if n_failed == PATIENCE:
-        raise Mistake(f"{PATIENCE} trials failed one after another, for the reason above: correct it and start again")
+    if gave_up is not None:
+        raise Mistake(str(gave_up))
+
+
+@contextmanager
+def told_as_lost(options: argparse.Namespace) -> Iterator[None]:
+    """Tell in one line that the storage cannot be reached or written any more.
+
+    Raises:
+        Mistake: if so.
+    """
+    try:
+        yield
+    except (OSError, StorageInternalError, SQLAlchemyError) as error:
+        given = without_password(options.storage)
+        cause = in_one_line(error.__cause__ if isinstance(error.__cause__, Exception) else error)
+        raise Mistake(f"--storage {given} is lost: {cause}: start again when it can be read and written") from error
 
 
 def status(options: argparse.Namespace) -> None:
     """Count the trials by state; show who works on which, and the best so far."""
     study = find_study(options)
-    tell_of_lost_trials(study)
-    trials = study.get_trials(deepcopy=False)
+    with told_as_lost(options):
+        tell_of_lost_trials(study)
+        trials = study.get_trials(deepcopy=False)
     counts = Counter("given back" if GIVEN_BACK in trial.user_attrs else trial.state.name.lower() for trial in trials)
     print(f"{options.study_name}: {len(trials)} trials " + ", ".join(f"{n} {name}" for name, n in counts.items()))
     for trial in trials:
@@ -157,12 +179,6 @@ def status(options: argparse.Namespace) -> None:
             print(f"  trial {trial.number} runs on {owner['host']} as process {owner['pid']}")
     if counts["complete"]:
         print(f"  best: trial {study.best_trial.number}, return {study.best_value:.2f}, {study.best_params}")
-
-
-def tell_of_lost_trials(study: optuna.Study) -> None:
-    """Queue the trials of workers that are gone again, and say so."""
-    for number in requeue_lost_trials(study):
-        print(f"Trial {number} lost its worker: queued again")
 
 
 def best(options: argparse.Namespace) -> None:
@@ -174,6 +190,7 @@ def best(options: argparse.Namespace) -> None:
     base = settings["config"]
     with told_as_mistake():
         import_packages(settings.get("gym_packages", []))  # which may name the config's encoder
+        check_texts(base)
         convert = converter_of(settings["algo"], base)
     drawn = convert({**trial.params, "n_envs": base.get("n_envs", 1)})
     config = {settings["env"]: {**merged(base, drawn), **merged_texts(base, drawn)}}

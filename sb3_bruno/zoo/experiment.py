@@ -22,8 +22,10 @@ from sb3_bruno.evaluation.resumable_eval import ResumableEvalCallback
 from sb3_bruno.zoo.configs import config_file, merged, read_configs
 from sb3_bruno.zoo.held_out import FRESH, HeldOut, hold_out, listed_tasks
 from sb3_bruno.zoo.kept_run import KeptRun, RunOptions, WholeStatistics
-from sb3_bruno.zoo.registry import converter_of, sampler_of
+from sb3_bruno.zoo.registry import sampler_of
 from sb3_bruno.zoo.saved_yaml import read_saved
+from sb3_bruno.zoo.storage import check_storage
+from sb3_bruno.zoo.trial import drawn_in_trial
 
 ENCODER_ARGUMENTS = {"encoder_class", "encoder_kwargs", "critic_input"}
 
@@ -73,25 +75,12 @@ class TaskExperiment(KeptRun):
         config = configs.get(self.env_name.gym_id, configs.get("default", {}))
         given = self.custom_hyperparams or {}
         if self.trial_id is not None:
-            given = merged(self._drawn_in_trial(merged(config, given)), given)
+            base = merged(config, given)
+            drawn = drawn_in_trial(self.storage, self.study_name, self.trial_id, self.algo, base)
+            given = merged(drawn, given)
         self.custom_hyperparams = {name: merged(config, given)[name] for name in given}
         read: tuple[dict[str, Any], dict[str, Any]] = super().read_hyperparameters()
         return read
-
-    def _drawn_in_trial(self, config: dict[str, Any]) -> dict[str, Any]:
-        """Return what the trial of ``--trial-id`` drew beside ``config``: a trial of rl_zoo3's search or our sweep."""
-        if self.storage is None or self.study_name is None:
-            raise ValueError(f"--trial-id {self.trial_id} is of a study: give its --storage and --study-name")
-        try:
-            drawn = self.load_trial(self.storage, self.study_name, self.trial_id, convert=False)
-            converted = converter_of(self.algo, config)({**drawn, "n_envs": config.get("n_envs", 1)})
-        except (KeyError, IndexError) as error:
-            study = f"{self.study_name} in {self.storage}"
-            raise ValueError(
-                f"--trial-id {self.trial_id}: {study} has no such trial with all its draws: give one that `sb3-bruno "
-                "sweep export` lists"
-            ) from error
-        return converted
 
     @staticmethod
     def _preprocess_schedules(hyperparams: dict[str, Any]) -> dict[str, Any]:
@@ -120,6 +109,8 @@ class TaskExperiment(KeptRun):
         return processed
 
     def _set_up(self) -> tuple[BaseAlgorithm, dict[str, Any]] | None:
+        if self.storage is not None:
+            check_storage(self.storage)
         results = super()._set_up()
         if results is None:
             self._prepare_search()

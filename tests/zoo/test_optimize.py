@@ -114,12 +114,32 @@ def test_an_env_that_is_not_ours_is_judged_as_it_is(n_tasks, tmp_path, monkeypat
     ("arguments", "line"),
     [
         (["--trial-id", "1"], "give its --storage and --study-name"),
-        ([*STUDY, "--trial-id", "1"], "--trial-id 1: demo in demo.log has no such trial"),
+        ([*STUDY, "--trial-id", "1"], "--storage demo.log is no file: give the one of the search"),
+        ([*STUDY, "-optimize", "--storage", "demo"], "--storage demo: give a journal file"),
     ],
-    ids=["no study", "no such study"],
+    ids=["no study", "no such file", "no storage"],
 )
 def test_a_mistake_is_one_line(arguments, line, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit, match=line):
         main([*OURS, *arguments])
-    assert not (tmp_path / "logs").exists()
+    assert not (tmp_path / "logs").exists() and not (tmp_path / "demo.log").exists()
+
+
+def test_a_trial_that_is_not_there_or_whole_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    study = optuna.create_study(study_name="demo", storage=open_storage("demo.log"))
+    study.ask()
+    for trial in ("0", "1"):
+        with pytest.raises(SystemExit, match=f"--trial-id {trial}: demo in demo.log has no such trial"):
+            main([*OURS, *STUDY, "--trial-id", trial])
+    journal = tmp_path / "demo.log"
+    whole = journal.read_bytes()
+    journal.write_bytes(whole + b'{"op_c')
+    with pytest.raises(SystemExit, match=r"--trial-id 1: demo in demo.log has no such trial"):
+        main([*OURS, *STUDY, "--trial-id", "1"])
+    assert journal.read_bytes() == whole
+    journal.write_bytes(b"damage\n" + whole)
+    for command in (["--trial-id", "1"], ["-optimize"]):
+        with pytest.raises(SystemExit, match=r"--storage demo.log cannot be opened: it is no journal"):
+            main([*OURS, *STUDY, *command])
