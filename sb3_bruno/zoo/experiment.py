@@ -24,6 +24,7 @@ from sb3_bruno.zoo.held_out import FRESH, HeldOut, hold_out, listed_tasks
 from sb3_bruno.zoo.kept_run import KeptRun, RunOptions, WholeStatistics
 from sb3_bruno.zoo.registry import sampler_of
 from sb3_bruno.zoo.saved_yaml import read_saved
+from sb3_bruno.zoo.search import begin_or_join
 from sb3_bruno.zoo.storage import check_storage
 from sb3_bruno.zoo.trial import drawn_in_trial
 
@@ -122,6 +123,8 @@ class TaskExperiment(KeptRun):
         self.env_kwargs = self._held_out.train
         self.n_eval_episodes = self._whole_cycles(self._held_out.n_tasks)
         self._hyperparams = _Config(self._hyperparams)
+        if self.storage is not None and self.study_name is not None:
+            begin_or_join(self.storage, self.study_name, self.algo, self.env_name.gym_id)
 
     def hyperparameters_optimization(self) -> None:
         """Search as rl_zoo3 does, in the space of the encoder that the config chooses."""

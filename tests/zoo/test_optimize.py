@@ -17,7 +17,8 @@ from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.registry import register
 from sb3_bruno.zoo.sampler import SearchSpace
 from sb3_bruno.zoo.saved_yaml import read_saved
-from sb3_bruno.zoo.study import open_storage
+from sb3_bruno.zoo.search import begin_or_join
+from sb3_bruno.zoo.storage import open_storage
 from sb3_bruno_envs import MetaTask, PointDirEnv, TransitionObservation
 
 STUDY = ["--storage", "demo.log", "--study-name", "demo"]
@@ -143,3 +144,24 @@ def test_a_trial_that_is_not_there_or_whole_is_one_line(tmp_path, monkeypatch):
     for command in (["--trial-id", "1"], ["-optimize"]):
         with pytest.raises(SystemExit, match=r"--storage demo.log cannot be opened: it is no journal"):
             main([*OURS, *STUDY, *command])
+
+
+@pytest.mark.parametrize("changed", [["--env", "PointGoal-v0", "-conf", "own.yml"], ["--algo", "bruno_td3"]], ids=str)
+def test_a_study_of_another_search_is_not_mixed_with_this_one(changed, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.yml").write_text(yaml.safe_dump({"PointGoal-v0": {"policy": "MlpPolicy", "n_timesteps": 120}}))
+    begin_or_join("demo.log", "demo", "bruno_sac", "PointDir-v0")
+    begin_or_join("demo.log", "demo", "bruno_sac", "PointDir-v0")
+    line = r"--study-name demo in demo.log searches for bruno_sac on PointDir-v0, not .*: name another"
+    with pytest.raises(SystemExit, match=line):
+        main([*OURS, *STUDY, "-optimize", *changed])
+    assert not list(tmp_path.glob("logs/*/*"))
+
+
+def test_a_sweep_is_not_gone_on_with_by_rl_zoos_search(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    main(["sweep", "init", *STUDY, "--env", "PointDir-v0", "-n", "120"])
+    with pytest.raises(SystemExit, match=r"--study-name demo in demo.log is a sweep: go on with sb3-bruno sweep run"):
+        main([*OURS, *STUDY, "-optimize"])
+    with pytest.raises(SystemExit, match=r"demo.log has a study demo: choose another --study-name"):
+        main(["sweep", "init", *STUDY, "--algo", "bruno_td3", "--env", "PointDir-v0", "-n", "120"])
