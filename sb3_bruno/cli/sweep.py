@@ -7,6 +7,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,8 @@ ELSEWHERE = {  # flags of other searches, and what a sweep has in their place
     "--sampler": "a sweep draws by TPE, after --n-startup-trials of sweep init at random",
     "--pruner": "a sweep prunes below the median, after --n-startup-trials of sweep init",
 }
+
+LARGEST_SEED = 2**31 - 1  # numpy takes twice that, and each trial adds its number
 
 
 def sweep(arguments: list[str]) -> None:
@@ -78,6 +81,8 @@ class StoreParams(StoreDict):
 
 def init(options: argparse.Namespace) -> None:
     """Create the study: once, before the workers start."""
+    if not 0 <= options.seed <= LARGEST_SEED:
+        raise Mistake(f"--seed {options.seed}: give 0 to {LARGEST_SEED:,}")
     package, _, env = options.env.rpartition(":")  # as in my_package:My-v0
     settings: SweepSettings = {
         "algo": options.algo,
@@ -108,8 +113,8 @@ def read_config(algo: str, env: str, conf: str | None) -> dict[str, Any]:
     with told_as_mistake(OSError), told_as_mistake(ValueError):
         path = config_file(algo, conf) or str(Path(rl_zoo3.__file__).parent / "hyperparams" / f"{algo}.yml")
         configs = read_configs(path)
-    config: dict[str, Any] | None = configs.get(env, configs.get("default"))
-    if config is None:
+    config: dict[str, Any] = configs.get(env, configs.get("default"))
+    if not isinstance(config, dict):
         raise Mistake(f"{path} has no {env}: give another file by -conf")
     return config
 
@@ -140,7 +145,7 @@ def run(options: argparse.Namespace) -> None:
 
     limits = {"n_trials": options.n_trials, "max_total": options.max_total_trials}
     gave_up = None
-    with told_as_lost(options), trial_bar(study, **limits) as advance:
+    with told_as_mistake(), told_as_lost(options), trial_bar(study, **limits) as advance:
         try:
             work(study, objective, **limits, after_trial=advance)
         except GaveUp as error:
@@ -159,7 +164,7 @@ def told_as_lost(options: argparse.Namespace) -> Iterator[None]:
     """
     try:
         yield
-    except (OSError, StorageInternalError, SQLAlchemyError) as error:
+    except (OSError, JSONDecodeError, StorageInternalError, SQLAlchemyError) as error:
         given = without_password(options.storage)
         cause = in_one_line(error.__cause__ if isinstance(error.__cause__, Exception) else error)
         raise Mistake(f"--storage {given} is lost: {cause}: start again when it can be read and written") from error
@@ -168,7 +173,7 @@ def told_as_lost(options: argparse.Namespace) -> Iterator[None]:
 def status(options: argparse.Namespace) -> None:
     """Count the trials by state; show who works on which, and the best so far."""
     study = find_study(options)
-    with told_as_lost(options):
+    with told_as_mistake(), told_as_lost(options):
         tell_of_lost_trials(study)
         trials = study.get_trials(deepcopy=False)
     counts = Counter("given back" if GIVEN_BACK in trial.user_attrs else trial.state.name.lower() for trial in trials)

@@ -26,9 +26,10 @@ def trial_bar(study: optuna.Study, n_trials: int | None, max_total: int | None) 
     Yields:
         What to call after each trial.
     """
-    disabled = None  # tqdm shows it if stderr is a terminal
     with (
-        tqdm(desc=study.study_name, total=max_total or n_trials, unit="trial", disable=disabled) as bar,
+        tqdm(
+            desc=study.study_name, total=max_total or n_trials, unit="trial", disable=None
+        ) as bar,  # None: no terminal
         logging_redirect_tqdm([logging.getLogger("optuna")]),
     ):
 

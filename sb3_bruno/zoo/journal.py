@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from contextlib import ExitStack, suppress
@@ -63,6 +62,8 @@ class JournalLock(BaseJournalFileLock):
     """Lock a journal for writing, and cut off what a worker that died in mid-write left at its end.
 
     It takes a lock of the kernel's, which a dead process does not keep, and then Optuna's, which other programs know.
+    That is a link to the journal, which stays behind if its process is killed. Ours say ``folder/./x.log``, which tells
+    them from others: who has the kernel's lock and finds one of ours knows that its process is dead.
 
     Args:
         path: the journal, absolute.
@@ -70,7 +71,8 @@ class JournalLock(BaseJournalFileLock):
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._optunas = JournalFileSymlinkLock(str(path), grace_period=GRACE)
+        self._target = f"{path.parent}/./{path.name}"
+        self._optunas = JournalFileSymlinkLock(self._target, grace_period=GRACE)
         self._held = ExitStack()
 
     def acquire(self) -> bool:
@@ -81,13 +83,21 @@ class JournalLock(BaseJournalFileLock):
         """
         with ExitStack() as held:
             file = held.enter_context(self._path.open("rb+"))
-            with suppress(OSError):  # a file system without the kernel's locks
+            with suppress(OSError, ImportError):  # a file system without the kernel's locks, or Windows
+                import fcntl
+
                 fcntl.flock(file, fcntl.LOCK_EX)
+                self._remove_link_of_the_dead()
             self._optunas.acquire()
             held.callback(self._optunas.release)
             cut_torn_entry(file)
             self._held = held.pop_all()
         return True
+
+    def _remove_link_of_the_dead(self) -> None:
+        link = f"{self._target}.lock"
+        if os.path.islink(link) and os.readlink(link) == self._target:
+            os.unlink(link)
 
     def release(self) -> None:
         """Release both locks."""

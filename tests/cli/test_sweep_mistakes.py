@@ -7,7 +7,8 @@ import pytest
 import yaml
 
 from sb3_bruno.cli.main import main
-from sb3_bruno.zoo.study import SETTINGS, open_storage
+from sb3_bruno.zoo.storage import open_storage
+from sb3_bruno.zoo.study import SETTINGS, load_study
 
 CHOSEN = ["--storage", "x.log", "--study-name", "s"]
 INIT = ["sweep", "init", *CHOSEN, "--env", "PointDir-v0", "-n", "120"]
@@ -72,6 +73,9 @@ def test_where_nothing_can_be_saved_is_one_line(folder):
         ("gamma:1/0", "-params gamma:1/0: ZeroDivisionError"),
         ("n_envs:0", "n_envs=0 is not a positive integer: give at least 1"),
         ("n_envs:2.5", "n_envs=2.5 is not a positive integer"),
+        ("policy_kwargs:{1:2}", r"policy_kwargs=\{.*1: 2\} cannot be stored as JSON, which would make it"),
+        ("gamma:float('nan')", "gamma=nan cannot be stored as JSON"),
+        ("policy_kwargs:\"open('x')\"", "policy_kwargs=\"open\\('x'\\)\" is more than plain values, dict"),
     ],
 )
 def test_hyperparameters_that_cannot_be_are_one_line(params, line, folder):
@@ -104,6 +108,25 @@ def test_a_hyperparameter_that_no_storage_can_hold_is_one_line_and_leaves_no_stu
     with pytest.raises(SystemExit, match=line):
         main([*INIT, "-params", "policy_kwargs:dict(activation_fn=nn.ReLU)"])
     assert not (folder / "x.log").exists()
+
+
+@pytest.mark.parametrize("seed", ["-1", str(2**32)])
+def test_a_seed_that_a_trial_cannot_have_is_one_line(seed, folder):
+    with pytest.raises(SystemExit, match=f"--seed {seed}: give 0 to "):
+        main([*INIT, "--seed", seed])
+    assert not (folder / "x.log").exists()
+
+
+def test_an_entry_of_a_config_that_is_no_mapping_is_one_line(folder):
+    (folder / "my.yml").write_text("PointDir-v0: 3\n")
+    with pytest.raises(SystemExit, match=r"my.yml has no PointDir-v0: give another file by -conf"):
+        main([*INIT, "-conf", "my.yml"])
+
+
+def test_a_config_may_have_a_default_for_all_environments(folder):
+    (folder / "my.yml").write_text(yaml.safe_dump({"default": {"policy": "MlpPolicy", "n_timesteps": 64}}))
+    main([*INIT, "-conf", "my.yml"])
+    assert load_study("x.log", "s").user_attrs[SETTINGS]["config"] == {"policy": "MlpPolicy", "n_timesteps": 64}
 
 
 def test_an_environment_that_nobody_registered_is_one_line(folder):

@@ -1,6 +1,7 @@
 """A journal outlives workers that die in mid-write or with its lock, and damage is told without making more."""
 
 import fcntl
+import gc
 import itertools
 import os
 from types import SimpleNamespace
@@ -87,7 +88,18 @@ def test_what_appears_at_the_end_of_an_open_journal_is_not_cut_off_unless_it_is_
     assert journal.read_bytes().endswith(b"a note of somebody's") and not journal.with_suffix(".log.lock").is_symlink()
 
 
-def test_a_lock_that_a_dead_process_left_is_taken_over(journal, monkeypatch):
+def test_a_lock_that_a_dead_worker_left_is_removed_at_once(journal, monkeypatch):
+    lock = JournalLock(journal)
+    lock.acquire()
+    lock._held.pop_all().pop_all()  # its process is killed: the kernel closes the file, and nobody removes the link
+    assert os.path.samefile(f"{journal}.lock", journal)  # other programs wait as for any lock of Optuna's
+    gc.collect()
+    monkeypatch.setattr(optunas.time, "sleep", None)  # nobody waits
+    optuna.load_study(study_name="s", storage=open_storage("in/x.log")).ask()
+    assert not os.path.lexists(f"{journal}.lock")
+
+
+def test_a_lock_that_another_dead_process_left_is_taken_over(journal, monkeypatch):
     ticks = itertools.count()
     clock = SimpleNamespace(monotonic=lambda: next(ticks), sleep=lambda seconds: None)
     monkeypatch.setattr(optunas, "time", clock)  # a second passes whenever somebody looks
