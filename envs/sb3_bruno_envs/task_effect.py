@@ -22,9 +22,8 @@ Episode: TypeAlias = list[NDArray[np.float64]]  # the first observation; then ob
 _N_TASKS = 5
 _DRAWS = 8
 _SHORT, _LONG = 20, 200  # steps
-_LONG_SEEDS = range(1, 5)
+_HOLDS = (10, 10, 30, 30, 30)  # steps in a row with the same action, in long episodes: that leads further
 _ROUNDING = 1e-4  # relative; may have grown over a short episode
-_HELD = 10  # steps in a row with the same action, which lead further than random ones
 
 
 def find_task_without_effect(env: Env, *, seconds: float = np.inf) -> str | None:
@@ -66,7 +65,7 @@ def find_task_without_effect(env: Env, *, seconds: float = np.inf) -> str | None
             if _any_effect(first, others):
                 return None
     return (
-        f"{len(tasks)} tasks, from {tasks[0]} to {tasks[1]}, made no difference to {len(_LONG_SEEDS)} episodes of up "
+        f"{len(tasks)} tasks, from {tasks[0]} to {tasks[1]}, made no difference to {len(_HOLDS)} episodes of up "
         f"to {_LONG} steps: let apply_task write, for every task, what the environment reads. If the environment's own "
         "reset writes that too, use MetaTask(when='after_reset'); if a wrapper keeps it, MetaTask(unwrap=False)."
     )
@@ -137,18 +136,18 @@ def _actions(env: Env, n: int, seed: int) -> list[Any]:
     return [space.sample() for _ in range(n)]
 
 
-def _held_actions(env: Env, n: int, seed: int) -> list[Any]:
-    """Return ``n`` actions, each ``_HELD`` times in a row; for an odd seed the space's extremes."""
-    actions = _actions(env, n // _HELD, seed)
+def _held_actions(env: Env, n: int, seed: int, hold: int) -> list[Any]:
+    """Return ``n`` actions, each ``hold`` times in a row; the space's extremes, but for seed 1."""
+    actions = _actions(env, -(-n // hold), seed)
     space = env.action_space
-    if seed % 2 and isinstance(space, Box) and space.is_bounded():
+    if seed > 1 and isinstance(space, Box) and space.is_bounded():
         actions = [np.where(action > (space.low + space.high) / 2, space.high, space.low) for action in actions]
-    return [action for action in actions for _ in range(_HELD)]
+    return [action for action in actions for _ in range(hold)][:n]
 
 
 def _long_plans(env: Env) -> list[tuple[int, list[Any]]]:
     """Return seeds of long episodes and their actions."""
-    return [(seed, _held_actions(env, _LONG, seed)) for seed in _LONG_SEEDS]
+    return [(seed, _held_actions(env, _LONG, seed, hold)) for seed, hold in enumerate(_HOLDS, start=1)]
 
 
 def _play(env: Env, tasks: list[NDArray[Any]], seed: int, actions: list[Any], deadline: float) -> list[Episode]:

@@ -12,7 +12,7 @@ from sb3_bruno_envs import MetaTask, PointDirEnv, TaskObservation, TransitionObs
 from sb3_bruno_envs.task_effect import find_task_without_effect
 
 pytestmark = pytest.mark.filterwarnings("error:.*made no difference")
-NO_EFFECT = r"made no difference to 4 episodes of up to 200 steps: let apply_task write, for every task, what"
+NO_EFFECT = r"made no difference to 5 episodes of up to 200 steps: let apply_task write, for every task, what"
 COMPOUNDS = r"the task .* gave another episode when it came again, .*: let apply_task write all"
 FACTORS = [[0.5], [1.0], [2.0]]
 
@@ -171,6 +171,12 @@ def test_entries_that_make_no_task_when_mixed_are_let_be():
 def test_a_difference_that_shows_late_is_enough():
     env = TransitionObservation(MetaTask(FarReward(), lambda env, task: setattr(env, "wall", task[0]), [[5.0], [9.0]]))
     check_meta_env(env, max_steps=200)
+
+
+@pytest.mark.parametrize(("name", "tasks"), [("goal_position", [[0.4], [0.45]]), ("max_speed", [[0.05], [0.07]])])
+def test_a_goal_that_takes_momentum_is_reached(name, tasks):
+    car = gym.make("MountainCarContinuous-v0", max_episode_steps=400)
+    check_meta_env(TransitionObservation(MetaTask(car, lambda env, task: setattr(env, name, task[0]), tasks)))
 
 
 def test_a_difference_in_the_end_is_enough():
