@@ -31,6 +31,8 @@ class ResumableEvalCallback(EvalCallback):
     model has a seed, each evaluation seeds its environments with that seed plus the number of calls so far. So a
     resumed run is evaluated as if it had never been interrupted.
 
+    While an evaluation goes on, ``log_path`` and ``best_model_save_path`` name the places where its files are made.
+
     Raises:
         ValueError: at the start of training, if ``log_path`` holds evaluations of another number of episodes.
     """

@@ -1,7 +1,10 @@
 """A file is whole or as it was, at whatever moment of its writing the process dies or the disk is full."""
 
 import os
+import pickle
+import tracemalloc
 
+import numpy as np
 import pytest
 
 from sb3_bruno.files.sealed import Damaged, sealing, unsealed
@@ -69,3 +72,15 @@ def test_every_flipped_bit_and_every_cut_of_a_sealed_file_is_found(tmp_path):
         path.write_bytes(damaged)
         with pytest.raises(Damaged), unsealed(path, FORMAT):
             pass
+
+
+def test_a_large_array_is_sealed_and_unsealed_without_a_second_copy(tmp_path):
+    large = np.ones(5_000_000)  # 40 MB
+    tracemalloc.start()
+    with sealing(tmp_path / "sealed", FORMAT) as file:
+        pickle.dump({"large": large}, file, protocol=5)
+    assert tracemalloc.get_traced_memory()[1] < 4e6
+    with unsealed(tmp_path / "sealed", FORMAT) as file:
+        assert pickle.load(file)["large"].sum() == 5_000_000
+    assert tracemalloc.get_traced_memory()[1] < 44e6
+    tracemalloc.stop()

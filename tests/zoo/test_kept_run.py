@@ -1,0 +1,47 @@
+"""What a training run saves is whole, or as it was, whenever the process dies."""
+
+import argparse
+from pathlib import Path
+
+import pytest
+
+from sb3_bruno.zoo.experiment import TaskExperiment
+from sb3_bruno.zoo.registry import register
+from support.dying import dies_at
+
+PARAMS = {"normalize": True, "learning_starts": 20, "buffer_size": 200, "n_envs": 1}
+
+
+def files(folder):
+    return {path: path.read_bytes() for path in Path(folder).rglob("*") if path.suffix in (".zip", ".pkl")}
+
+
+@pytest.mark.parametrize("moment", ["fsync", "replace"])
+def test_a_kill_leaves_agent_buffer_and_statistics_as_they_were(tmp_path, monkeypatch, moment):
+    monkeypatch.chdir(tmp_path)
+    register()
+    experiment = TaskExperiment(
+        argparse.Namespace(),
+        "bruno_sac",
+        "PointDir-v0",
+        "logs",
+        hyperparams=PARAMS,
+        save_replay_buffer=True,
+        verbose=0,
+        seed=0,
+        device="cpu",
+    )
+    model, _ = experiment.setup_experiment()
+    best = experiment.callbacks[0].callback_on_new_best
+    best.init_callback(model)
+    experiment.save_trained_model(model)
+    before = files(experiment.save_path)
+    assert {path.name for path in before} == {"PointDir-v0.zip", "replay_buffer.pkl", "vecnormalize.pkl"}
+    model.env.obs_rms["observation"].mean += 1.0
+    model.num_timesteps = 7
+    dies_at(moment, lambda: experiment.save_trained_model(model))
+    dies_at(moment, best.on_step)
+    assert files(experiment.save_path).items() >= before.items()
+    best.on_step()
+    statistics = Path(experiment.params_path, "vecnormalize.pkl")
+    assert statistics.read_bytes() != before[statistics]
