@@ -4,6 +4,7 @@ import os
 import time
 
 import pytest
+from filelock import FileLock
 
 from sb3_bruno.runs.folder import UNFINISHED, RunFolder, is_unfinished, latest_finished
 
@@ -78,3 +79,13 @@ def test_the_latest_finished_run_is_found_among_others(tmp_path):
     run(tmp_path, 11, unfinished=True)
     with pytest.warns(UserWarning, match=r"PointDir-v0_11 is unfinished: .* Taken instead: .*PointDir-v0_10"):
         assert latest_finished(tmp_path, "PointDir-v0") == 10
+
+
+def test_a_file_system_without_locks_is_warned_of_and_no_obstacle(tmp_path, monkeypatch):
+    def refuse(*_, **__):
+        raise OSError("No locks available")
+
+    monkeypatch.setattr(FileLock, "acquire", refuse)
+    with pytest.warns(UserWarning, match="cannot be locked .No locks available"):
+        folder = RunFolder.make(tmp_path / "PointDir-v0_1")
+    folder.release()
