@@ -5,6 +5,7 @@ sb3-bruno report logs/*/CheetahDir-v0_* --out docs/results/cheetah_dir
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +14,8 @@ from sb3_bruno.cli.mistake import Mistake, told_as_mistake
 from sb3_bruno.cli.parser import command_parser
 from sb3_bruno.report.page import check_budgets, write_page
 from sb3_bruno.runs.record import RunRecord
+
+LONGEST = 100  # characters of a folder's name
 
 
 def report(arguments: list[str]) -> None:
@@ -29,7 +32,11 @@ def report(arguments: list[str]) -> None:
         raise Mistake(f"no adaptation.json in {', '.join(untested)}: test the run by `sb3-bruno evaluate` first")
     with told_as_mistake():
         new = {options.out / folder: record for folder, record in _records_of(options.runs).items()}
-        check_budgets({**_recorded(options.out), **new}.values())
+        old = _recorded(options.out)
+        for folder in new.keys() & old.keys():
+            if new[folder].method != old[folder].method:
+                raise Mistake(f"{folder} holds {old[folder].method}: give {new[folder].method} an --out of its own")
+        check_budgets({**old, **new}.values())
         for folder, record in new.items():
             record.save(folder)
         records = list(_recorded(options.out).values())
@@ -52,12 +59,17 @@ def _records_of(runs: Sequence[Path]) -> dict[str, RunRecord]:
     records: dict[str, RunRecord] = {}
     for run in runs:
         record = RunRecord.from_run(run)
-        folder = f"{_folder_name(record.method)}/seed{record.about['config']['seed']}"
+        folder = f"{_folder_name(record.method)}/{_folder_name('seed' + str(record.about['config'].get('seed')))}"
         if folder in records:
             raise Mistake(f"{run} is a second run of {folder}, and a page takes one per method and seed: leave one out")
         records[folder] = record
     return records
 
 
-def _folder_name(method: str) -> str:
-    return re.sub(r"[^\w.=-]+", "_", method).strip("_")
+def _folder_name(text: str) -> str:
+    """Make one folder's name of what a record says, which may be a path, or longer than a file system takes."""
+    name = re.sub(r"[^\w.=-]+", "_", text).strip("._")
+    if 0 < len(name) <= LONGEST:
+        return name
+    digest = hashlib.sha256(text.encode()).hexdigest()[:8]
+    return f"{name[:LONGEST]}_{digest}".lstrip("_")

@@ -72,9 +72,15 @@ def _panels(titles: Sequence[str]) -> tuple[Figure, list[Axes]]:
     return figure, panels
 
 
+def as_text(name: str) -> str:
+    """Write a name so that matplotlib draws it as it is: a dollar begins a formula, and a first "_" hides a label."""
+    text = name.replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
+
+
 def style_panel(panel: Axes, title: str) -> None:
     """Give a panel its title and the look of all figures here."""
-    panel.set_title(title, loc="left", fontsize=12, color=INK)
+    panel.set_title(as_text(title), loc="left", fontsize=12, color=INK)
     panel.spines[["top", "right"]].set_visible(False)
     panel.spines[["left", "bottom"]].set_color(INK)
     panel.tick_params(labelsize=11, colors=INK)
@@ -97,7 +103,7 @@ def draw_band(
     """
     panel.fill_between(band.x, band.low, band.high, color=color, alpha=0.18, linewidth=0, label=range_name)
     marker = "o" if len(band.x) == 1 else ""
-    panel.plot(band.x, band.mean, color=color, linewidth=linewidth, marker=marker, label=name)
+    panel.plot(band.x, band.mean, color=color, linewidth=linewidth, marker=marker, label=as_text(name))
 
 
 def _label(figure: Figure, panels: Sequence[Axes], x: str, y: str, note: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -104,14 +105,14 @@ def provenance(methods: Methods) -> list[str]:
     """Say what the numbers are, and which versions made them."""
     versions = _all(methods)[0].about["versions"]
     splits = sorted({_config(run)["split"] for run in _all(methods) if "split" in _config(run)})
-    tasks = f"{' and '.join(splits)} tasks".strip()
+    tasks = _as_text(f"{' and '.join(splits)} tasks")
     names = ("python", "torch", "stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "zuko")
     return [
         "Final test, with deterministic actions unless the method is called stochastic. "
         f"Each run: mean over the {tasks} that the method was given. "
         "Each method: interquartile mean over seeds (plain mean for three or fewer), with a 95 % bootstrap interval. "
         "The columns of parts and of steps to 90 % hold such means too; the lowest episode is that of all seeds.",
-        "Versions: " + ", ".join(f"{name} {versions[name]}" for name in names if name in versions) + ".",
+        _as_text("Versions: " + ", ".join(f"{name} {versions[name]}" for name in names if name in versions) + "."),
     ]
 
 
@@ -214,4 +215,9 @@ def _header(names: Sequence[str]) -> list[str]:
 
 
 def _row(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+    return f"| {' | '.join(map(_as_text, cells))} |"
+
+
+def _as_text(said: str) -> str:
+    """Write what a record says so that Markdown shows it as it is, on one line."""
+    return html.escape(" ".join(said.split()), quote=False).replace("|", "\\|")

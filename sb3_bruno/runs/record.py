@@ -63,11 +63,22 @@ class RunRecord(NamedTuple):
 
     @classmethod
     def load(cls, folder: str | Path) -> RunRecord:
-        """Read what ``save`` wrote."""
+        """Read what ``save`` wrote.
+
+        Raises:
+            ValueError: if the folder holds no such record.
+        """
         folder = Path(folder)
-        about = json.loads((folder / _ABOUT).read_text(encoding="utf-8"))
         read = {"dtype": {"task": str}}
-        return cls(about, *(pd.read_csv(folder / name, **read) for name in (_CURVE, _EPISODES, _REWARDS)))
+        try:
+            about = json.loads((folder / _ABOUT).read_text(encoding="utf-8"))
+            tables = [pd.read_csv(folder / name, **read) for name in (_CURVE, _EPISODES, _REWARDS)]
+        except (OSError, ValueError) as error:  # pandas' errors are ValueErrors
+            raise ValueError(f"{folder} holds no record of a run: record it again, or delete it ({error})") from error
+        if not isinstance(about, dict) or not {"config", "versions", "steps_to_90"} <= about.keys():
+            raise ValueError(f"{folder} holds no record of a run: record it again, or delete it")
+        _check_config(about["config"], folder)
+        return cls(about, *tables)
 
     @classmethod
     def from_run(cls, folder: str | Path) -> RunRecord:
@@ -78,6 +89,7 @@ class RunRecord(NamedTuple):
         """
         folder = Path(folder)
         result = AdaptationResult.load(folder / "adaptation.json")
+        _check_config(result.config, folder)
         steps = dict(zip(map(task_label, result.tasks), result.steps_to_steady().tolist(), strict=True))
         about = {"config": result.config, "versions": result.versions, "test_seed": result.seed, "steps_to_90": steps}
         return cls(
@@ -114,6 +126,15 @@ class RunRecord(NamedTuple):
             "inside": [label for label, is_inside in pairs if is_inside],
             "outside": [label for label, is_inside in pairs if not is_inside],
         }
+
+
+def _check_config(config: Any, folder: Path) -> None:
+    """Raise a ValueError unless a test's settings name its algorithm, environment and length of training."""
+    kinds = {"algo": str, "env": str, "env_steps": int, "params": dict}
+    found = {"params": {}, **(config if isinstance(config, dict) else {})}
+    wrong = [f"{name}={found.get(name)!r}" for name, kind in kinds.items() if not isinstance(found.get(name), kind)]
+    if wrong:
+        raise ValueError(f"{folder}: the test's config has {', '.join(wrong)}: test the run by `sb3-bruno evaluate`")
 
 
 def _learning(curve: LearningCurve, clock: TrainingClock | None) -> pd.DataFrame:
