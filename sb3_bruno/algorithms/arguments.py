@@ -7,7 +7,7 @@ docstrings explain them. ``EncoderArguments`` stands for the keyword arguments o
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, Generic, TypedDict
 
@@ -178,8 +178,24 @@ def check_names(
     parameters = inspect.signature(takes).parameters.values()
     if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
         return  # it passes them on
-    known = [parameter.name for parameter in parameters if parameter.name not in filled]
+    check_known(argument, given, [parameter.name for parameter in parameters if parameter.name not in filled], error)
+
+
+def check_known(
+    argument: str, given: Mapping[str, Any] | None, known: Sequence[str], error: type[Exception] = ValueError
+) -> None:
+    """Refuse names that are not known.
+
+    Args:
+        argument: what the names were given as, for the error.
+        given: keyword arguments by name.
+        known: the names that there are.
+        error: what to raise.
+
+    Raises:
+        ValueError: or ``error``, naming the nearest right name.
+    """
     for name in (name for name in given or {} if name not in known):
-        nearest = get_close_matches(name, known, n=1, cutoff=0.6)
+        nearest = get_close_matches(str(name), known, n=1, cutoff=0.6)
         remedy = f"did you mean `{nearest[0]}`?" if nearest else f"it takes {', '.join(known) or 'nothing'}."
         raise error(f"`{argument}` has no `{name}`: {remedy}")

@@ -30,6 +30,7 @@ from sb3_bruno.algorithms.checks import (
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.algorithms.rehearsal import warn_of_task_without_effect
 from sb3_bruno.algorithms.saving import Saving
+from sb3_bruno.algorithms.values import check_policy_kwargs, check_values
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.buffers.extended_obs import CriticInput
 from sb3_bruno.encoders import TaskEncoder, find_encoder
@@ -85,6 +86,17 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         **kwargs: Any,
     ) -> None:
         check_names(type(self).__name__, kwargs, type(self), {"policy", "env"}, TypeError)
+        check_values(
+            {
+                **kwargs,
+                "encoder_kwargs": encoder_kwargs,
+                "encoder_learning_rate": encoder_learning_rate,
+                "encoder_batch_size": encoder_batch_size,
+                "encoder_update_ratio": encoder_update_ratio,
+                "encoder_learning_starts": encoder_learning_starts,
+                "encoder_tau": encoder_tau,
+            }
+        )
         encoder_class = self.default_encoder if encoder_class is None else encoder_class
         check_encoder_arguments(find_encoder(encoder_class), encoder_kwargs)
         self.encoder_learning_rate = encoder_learning_rate
@@ -104,8 +116,11 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
             "target_encoder": encoder_tau is not None,
             "critic_input": critic_input,
         }
-        kwargs["policy_kwargs"] = join_policy_kwargs(kwargs.get("policy_kwargs"), inference)
-        super().__init__(resolve_policy(policy, self.policy_aliases), env, *args, **kwargs)
+        policy_class = resolve_policy(policy, self.policy_aliases)
+        joined = join_policy_kwargs(kwargs.get("policy_kwargs"), inference)
+        check_policy_kwargs(policy_class, kwargs.get("policy_kwargs"), inference)
+        kwargs["policy_kwargs"] = joined
+        super().__init__(policy_class, env, *args, **kwargs)
 
     def _setup_model(self) -> None:
         self._check_saved_class()

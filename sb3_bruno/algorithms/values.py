@@ -1,0 +1,179 @@
+"""Refuses arguments of the algorithms whose values are of a wrong kind, or count less than can be.
+
+SB3 takes any value at construction, and fails at it in the middle of a training. Knows no algorithm.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable, Mapping
+from numbers import Real
+from operator import index
+from typing import Any
+
+import torch as th
+from stable_baselines3.common.noise import ActionNoise
+from stable_baselines3.common.utils import get_device
+
+from sb3_bruno.algorithms.arguments import check_known, check_names
+
+LEAST = {
+    "batch_size": 1,
+    "buffer_size": 1,
+    "gradient_steps": -1,
+    "learning_starts": 0,
+    "n_steps": 1,
+    "policy_delay": 1,
+    "sde_sample_freq": -1,
+    "seed": 0,
+    "stats_window_size": 1,
+    "target_update_interval": 1,
+    "top_quantiles_to_drop_per_net": 0,
+    "verbose": 0,
+}
+"""The least value of arguments that count something."""
+WHOLE = {*LEAST, "encoder_batch_size", "encoder_learning_starts"}  # the encoder's have bounds elsewhere
+NUMBERS = {"gamma", "tau", "encoder_tau", "encoder_update_ratio", "target_noise_clip", "target_policy_noise"}
+RATES = {"learning_rate", "encoder_learning_rate"}
+DICTS = {"encoder_kwargs", "policy_kwargs", "replay_buffer_kwargs"}
+FLAGS = {"optimize_memory_usage", "use_sde", "use_sde_at_warmup"}
+
+
+def check_values(given: Mapping[str, Any]) -> None:
+    """Refuse values that cannot be meant. None stands for a default, and names that are not known are skipped.
+
+    Args:
+        given: arguments of an algorithm by name.
+
+    Raises:
+        TypeError: if a value is of a wrong kind.
+        ValueError: if it is out of range.
+    """
+    for name, value in given.items():
+        if value is None:
+            continue
+        if name in WHOLE:
+            check_whole(name, value, LEAST.get(name))
+        elif name in NUMBERS and not _is_number(value):
+            raise TypeError(f"`{name}={value!r}` is no number: give one, such as 0.9.")
+        elif name in RATES and not (_is_number(value) or callable(value)):
+            raise TypeError(f"`{name}={value!r}` is no number and no schedule: give one, such as 1e-3.")
+        elif name in DICTS and not isinstance(value, Mapping):
+            raise TypeError(f"`{name}={value!r}` is no dict: give the arguments by name, such as `{name}={{...}}`.")
+        elif name in FLAGS and not isinstance(value, bool):
+            raise TypeError(f"`{name}={value!r}` is neither True nor False: give one of them.")
+        elif name in SPECIAL:
+            SPECIAL[name](name, value)
+
+
+def check_whole(name: str, value: Any, least: int | None = None) -> None:
+    """Refuse all but a whole number.
+
+    Raises:
+        TypeError: if it is none.
+        ValueError: if it is below ``least``.
+    """
+    remedy = "give a whole number" + ("." if least is None else f" of {least} or more.")
+    try:
+        whole = index(value)
+    except TypeError as error:
+        raise TypeError(f"`{name}={value!r}` is no whole number: {remedy}") from error
+    if isinstance(value, bool):
+        raise TypeError(f"`{name}={value!r}` is no whole number: {remedy}")
+    if least is not None and whole < least:
+        raise ValueError(f"`{name}={value!r}` is too small: {remedy}")
+
+
+def check_policy_kwargs(policy_class: type, given: Mapping[str, Any] | None, inference: Mapping[str, Any]) -> None:
+    """Refuse arguments that a policy or its optimiser does not take, and networks that cannot be built.
+
+    Args:
+        policy_class: the policy.
+        given: its arguments by name, as the user gave them.
+        inference: those that the algorithm gives.
+
+    Raises:
+        TypeError: if a value is of a wrong kind.
+        ValueError: if a name is unknown, with the nearest right one; or a number is too small.
+    """
+    given = given or {}
+    own = {"self", "args", "kwargs", "observation_space", "action_space", "lr_schedule", "task_space", *inference}
+    known = [
+        name
+        for cls in policy_class.__mro__
+        if "__init__" in vars(cls) and cls is not object
+        for name in inspect.signature(vars(cls)["__init__"]).parameters
+        if name not in own
+    ]
+    check_known("policy_kwargs", given, list(dict.fromkeys(known)))
+    optimizer = given.get("optimizer_class", th.optim.Adam)
+    check_values({"policy_kwargs": given.get("optimizer_kwargs")})
+    check_names("optimizer_kwargs", given.get("optimizer_kwargs"), optimizer, {"params", "lr"})
+    _check_net_arch(given.get("net_arch"))
+    if "n_critics" in given:
+        check_whole("n_critics", given["n_critics"], 1)
+
+
+def _check_net_arch(net_arch: Any) -> None:
+    nets = {"": net_arch} if not isinstance(net_arch, Mapping) else net_arch
+    for key, sizes in nets.items():
+        name = f"net_arch[{key!r}]" if key else "net_arch"
+        if isinstance(net_arch, Mapping) and key not in ("pi", "qf"):
+            raise ValueError(f"`{name}` is unknown: give the layers of the actor as 'pi', and of the critics as 'qf'.")
+        if sizes is None:
+            continue
+        if not isinstance(sizes, list | tuple):
+            raise TypeError(f"`{name}={sizes!r}` is no list: give the size of each layer, such as [256, 256].")
+        for size in sizes:
+            check_whole(name, size, 1)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def _check_train_freq(name: str, value: Any) -> None:
+    freq, unit = value if isinstance(value, tuple | list) and len(value) == 2 else (value, "step")
+    check_whole(name, freq, 1)
+    if unit not in ("step", "episode"):
+        raise ValueError(f"`{name}={value!r}` is unknown: give a number, or (a number, 'step' or 'episode').")
+
+
+def _check_coefficient(name: str, value: Any) -> None:
+    kinds = "a number or 'auto'" if name == "target_entropy" else "a number, 'auto' or 'auto_0.1'"
+    first = str(value).removeprefix("auto_") if name == "ent_coef" and str(value).startswith("auto_") else None
+    try:
+        known = _is_number(value) or value == "auto" or (first is not None and float(first) > 0)
+    except ValueError:
+        known = False
+    if not known:
+        raise ValueError(f"`{name}={value!r}` is unknown: give {kinds}.")
+
+
+def _check_action_noise(name: str, value: Any) -> None:
+    if not isinstance(value, ActionNoise):
+        raise TypeError(f"`{name}={value!r}` is no `ActionNoise`: give one, such as `NormalActionNoise`.")
+
+
+def _check_tensorboard_log(name: str, value: Any) -> None:
+    if not isinstance(value, str | os.PathLike):
+        raise TypeError(f"`{name}={value!r}` is no path: give that of a folder.")
+
+
+def _check_device(name: str, value: Any) -> None:
+    try:
+        get_device(value)
+    except Exception as error:  # torch raises several kinds
+        raise ValueError(f"`{name}={value!r}` is no device of torch: give 'auto', 'cpu' or 'cuda'.") from error
+
+
+SPECIAL: dict[str, Callable[[str, Any], None]] = {
+    "action_noise": _check_action_noise,
+    "device": _check_device,
+    "ent_coef": _check_coefficient,
+    "target_entropy": _check_coefficient,
+    "tensorboard_log": _check_tensorboard_log,
+    "train_freq": _check_train_freq,
+}
+"""Checks of arguments that are like no other."""

@@ -1,0 +1,105 @@
+"""A value that cannot be meant is refused at construction, by argument, value and remedy."""
+
+import numpy as np
+import pytest
+from stable_baselines3.common.noise import NormalActionNoise
+
+from sb3_bruno import BrunoSAC, BrunoTD3, BrunoTQC, RecurrentSAC
+from sb3_bruno.algorithms.values import check_values
+
+POINT = "sb3_bruno_envs:PointDir-v0"
+SMALL = {"policy_kwargs": {"net_arch": [8]}, "buffer_size": 100}
+
+
+@pytest.mark.parametrize(
+    ("given", "error"),
+    [
+        ({"batch_size": 0}, ValueError),
+        ({"batch_size": -1}, ValueError),
+        ({"batch_size": "many"}, TypeError),
+        ({"batch_size": 2.5}, TypeError),
+        ({"batch_size": True}, TypeError),
+        ({"buffer_size": 1e5}, TypeError),
+        ({"buffer_size": 0}, ValueError),
+        ({"gradient_steps": -2}, ValueError),
+        ({"gradient_steps": "1"}, TypeError),
+        ({"gradient_steps": 0.5}, TypeError),
+        ({"learning_starts": -1}, ValueError),
+        ({"learning_starts": [100]}, TypeError),
+        ({"train_freq": 0}, ValueError),
+        ({"train_freq": "1"}, TypeError),
+        ({"train_freq": (1, "steps")}, ValueError),
+        ({"n_steps": 0}, ValueError),
+        ({"stats_window_size": 0}, ValueError),
+        ({"verbose": "loud"}, TypeError),
+        ({"seed": "one"}, TypeError),
+        ({"seed": -1}, ValueError),
+        ({"target_update_interval": 0}, ValueError),
+        ({"learning_rate": "lin-1e-3"}, TypeError),
+        ({"learning_rate": [1e-3]}, TypeError),
+        ({"encoder_learning_rate": "fast"}, TypeError),
+        ({"encoder_batch_size": 1.5}, TypeError),
+        ({"encoder_learning_starts": "now"}, TypeError),
+        ({"encoder_update_ratio": "half"}, TypeError),
+        ({"encoder_tau": "slow"}, TypeError),
+        ({"gamma": "0.9"}, TypeError),
+        ({"tau": [0.1]}, TypeError),
+        ({"ent_coef": "auto-0.1"}, ValueError),
+        ({"target_entropy": "low"}, ValueError),
+        ({"use_sde": "yes"}, TypeError),
+        ({"encoder_kwargs": 3}, TypeError),
+        ({"policy_kwargs": "net_arch"}, TypeError),
+        ({"replay_buffer_kwargs": ["context"]}, TypeError),
+        ({"action_noise": 0.1}, TypeError),
+        ({"tensorboard_log": 1}, TypeError),
+        ({"device": "gpu"}, ValueError),
+    ],
+    ids=str,
+)
+def test_an_argument_is_named_with_its_value_and_a_remedy(given, error):
+    ((name, value),) = given.items()
+    with pytest.raises(error) as told:
+        BrunoSAC("MlpPolicy", POINT, **given)
+    assert str(told.value).startswith(f"`{name}={value!r}` is ") and ": give " in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        ({"net_ach": [8]}, "`policy_kwargs` has no `net_ach`: did you mean `net_arch`?"),
+        ({"critics": 3}, "`policy_kwargs` has no `critics`: did you mean `n_critics`?"),
+        ({"optimizer_kwargs": {"weigth_decay": 0.1}}, "`optimizer_kwargs` has no `weigth_decay`: did you mean"),
+        ({"optimizer_kwargs": {"lr": 0.1}}, "`optimizer_kwargs` has no `lr`"),
+        ({"net_arch": 3}, "`net_arch=3` is no list"),
+        ({"net_arch": [64, "64"]}, "`net_arch='64'` is no whole number"),
+        ({"net_arch": [0]}, "`net_arch=0` is too small"),
+        ({"net_arch": {"pi": [8], "vf": [8]}}, "`net_arch['vf']` is unknown"),
+        ({"n_critics": 0}, "`n_critics=0` is too small"),
+    ],
+    ids=str,
+)
+def test_what_a_policy_does_not_take_is_named(given, line):
+    with pytest.raises((TypeError, ValueError)) as told:
+        BrunoSAC("MlpPolicy", POINT, policy_kwargs=given)
+    assert line in str(told.value)
+
+
+def test_siblings_refuse_values_of_their_own():
+    with pytest.raises(ValueError, match="policy_delay=0"):
+        BrunoTD3("MlpPolicy", POINT, policy_delay=0)
+    with pytest.raises(TypeError, match="target_policy_noise='loud'"):
+        BrunoTD3("MlpPolicy", POINT, target_policy_noise="loud")
+    with pytest.raises(ValueError, match="top_quantiles_to_drop_per_net=-1"):
+        BrunoTQC("MlpPolicy", POINT, top_quantiles_to_drop_per_net=-1)
+    with pytest.raises(TypeError, match="encoder_kwargs=3"):
+        RecurrentSAC("MlpPolicy", POINT, encoder_kwargs=3)
+    with pytest.raises(ValueError, match="`policy_kwargs` has no `n_quantile`: did you mean `n_quantiles`"):
+        BrunoTQC("MlpPolicy", POINT, policy_kwargs={"n_quantile": 3})
+
+
+def test_what_sb3_takes_is_taken():
+    noise = NormalActionNoise(np.zeros(2), np.ones(2))
+    given = {"batch_size": np.int64(8), "gradient_steps": -1, "train_freq": (2, "step"), "action_noise": noise}
+    given |= {"learning_rate": lambda left: 1e-3 * left, "ent_coef": "auto_0.1", "target_entropy": -1, "seed": None}
+    check_values({**given, "train_freq": [1, "episode"], "ent_coef": 0.1, "learning_rate": np.float32(1e-3)})
+    assert BrunoSAC("MlpPolicy", POINT, **SMALL, **given).gradient_steps == -1
