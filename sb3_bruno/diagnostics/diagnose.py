@@ -19,6 +19,7 @@ from sb3_bruno.encoders.abilities import check_ability
 from sb3_bruno.encoders.base import map_memory
 from sb3_bruno.evaluation.episodes import Episode, pad_episodes, play_episodes
 from sb3_bruno.evaluation.floats import Floats
+from sb3_bruno.evaluation.progress import progress
 
 __all__ = ["Diagnostics", "diagnose"]
 
@@ -37,6 +38,7 @@ def diagnose(
     seed: int = 0,
     vec_normalize: VecNormalize | None = None,
     outside_tasks: ArrayLike | None = None,
+    progress_bar: bool = False,
 ) -> Diagnostics:
     """Let the deterministic agent act, on new episodes, and compare what it believed with what came.
 
@@ -61,6 +63,7 @@ def diagnose(
         seed: of the environments and samples; the outside episodes have the next one.
         vec_normalize: the training environment's, whose statistics normalise the observations; not updated.
         outside_tasks: tasks that should raise the alarm, ``(n_outside, task_dim)``.
+        progress_bar: show one, where stderr is a terminal.
 
     Returns:
         The measurements; ``summary()`` and ``plot_diagnostics`` show them.
@@ -72,7 +75,15 @@ def diagnose(
     check_diagnosable(encoder)
 
     def play(tasks: ArrayLike, seed: int) -> list[list[Episode]]:
-        return play_episodes(model, make_env, tasks, n_episodes=n_episodes, seed=seed, vec_normalize=vec_normalize)
+        return play_episodes(
+            model,
+            make_env,
+            tasks,
+            n_episodes=n_episodes,
+            seed=seed,
+            vec_normalize=vec_normalize,
+            progress_bar=progress_bar,
+        )
 
     inside = play(tasks, seed)
     outside = None if outside_tasks is None else play(outside_tasks, seed + 1)
@@ -80,7 +91,8 @@ def diagnose(
     with th.no_grad(), th.random.fork_rng([model.device] if model.device.type == "cuda" else []):
         th.manual_seed(seed)
         sequences = _pad(inside)
-        findings = [_compare(view, of_task, rng) for of_task in sequences]
+        compared = progress(sequences, shown=progress_bar, about="tasks")
+        findings = [_compare(view, of_task, rng) for of_task in compared]
         beliefs, explained = _principal_axes(np.stack([found.means for found in findings]))
         levels = None
         if isinstance(encoder, MeasuresDistance):

@@ -27,6 +27,7 @@ def evaluate_adaptation(
     vec_normalize: VecNormalize | None = None,
     max_envs: int = 64,
     config: Mapping[str, Any] | None = None,
+    progress_bar: bool = False,
 ) -> AdaptationResult:
     """Play whole episodes of every task, many side by side; each starts without a state, so without a belief.
 
@@ -40,6 +41,7 @@ def evaluate_adaptation(
         vec_normalize: the VecNormalize of training. Its statistics normalise the observations and stay as they are.
         max_envs: the most environments to step side by side.
         config: settings to keep in the result, so that it can be told from others.
+        progress_bar: show one, where stderr is a terminal.
 
     Returns:
         The environment's own rewards; an episode that ends early is padded with NaN.
@@ -56,6 +58,7 @@ def evaluate_adaptation(
         seed=seed,
         vec_normalize=vec_normalize,
         max_envs=max_envs,
+        progress_bar=progress_bar,
     )
     rewards = pad_episodes([episode.rewards for of_task in episodes for episode in of_task])
     return AdaptationResult(

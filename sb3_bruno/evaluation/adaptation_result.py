@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sb3_bruno.evaluation.floats import Floats, mean_of_known
 from sb3_bruno.evaluation.interquartile import Interval, interquartile_mean
-from sb3_bruno.evaluation.task_names import task_label
+from sb3_bruno.evaluation.task_names import task_labels
 from sb3_bruno.files.whole import whole_file
 
 
@@ -140,7 +140,7 @@ class AdaptationResult:
     def summary(self, horizon: int | None = None) -> str:
         """Write a table of the returns over the first ``horizon`` steps: a row per task, then all together."""
         returns, steps = self.returns(horizon), self.steps_to_steady()
-        rows = [*zip(map(task_label, self.tasks), returns, steps, strict=True), ("all", returns, steps)]
+        rows = [*zip(task_labels(self.tasks), returns, steps, strict=True), ("all", returns, steps)]
         width = max(4, *(len(label) for label, _, _ in rows))
         n_tasks, n_episodes = returns.shape
         lines = [

@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.type_aliases import PolicyPredictor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
+from sb3_bruno.evaluation.progress import progress
+
 
 class Episode(NamedTuple):
     """One episode in the environment's own units.
@@ -47,6 +49,7 @@ def play_episodes(
     seed: int = 0,
     vec_normalize: VecNormalize | None = None,
     max_envs: int = 64,
+    progress_bar: bool = False,
 ) -> list[list[Episode]]:
     """Play ``n_episodes`` whole episodes of every task, each without a state to start from.
 
@@ -69,11 +72,13 @@ def play_episodes(
     size = min(max_envs, len(jobs))
     venv = DummyVecEnv([make_env] * size)
     episodes: list[Episode] = []
+    bar = progress(shown=progress_bar, total=len(jobs), about="episodes")
     try:
         for start in range(0, len(jobs), size):
             venv.seed(first_seed + start)  # environment i gets this plus i, so each job has its own seed
-            episodes += _play_batch(model, venv, jobs[start : start + size], vec_normalize, deterministic)
+            episodes += _play_batch(model, venv, jobs[start : start + size], vec_normalize, deterministic, bar)
     finally:
+        bar.close()
         venv.close()
     return [episodes[start : start + n_episodes] for start in range(0, len(jobs), n_episodes)]
 
@@ -92,6 +97,7 @@ def _play_batch(
     tasks: NDArray[np.float32],
     vec_normalize: VecNormalize | None,
     deterministic: bool,
+    bar: Any,
 ) -> list[Episode]:
     """Play one episode of each task, ``(n, task_dim)``; environments beyond the n-th run along and are ignored."""
     n = len(tasks)
@@ -116,6 +122,8 @@ def _play_batch(
         inner_ends = np.array(["trial_final_observation" in info for info in infos])
         steps.append((before, actions, rewards, after, inner_ends))
         lengths += running
+        bar.update(int((running & episode_start[:n]).sum()))
+        bar.set_postfix(step=len(steps), refresh=False)
         running &= ~episode_start[:n]
     columns = [np.stack(column, axis=1) for column in zip(*steps, strict=True)]  # (num_envs, longest, ...) each
     return [Episode(*(column[i, :length] for column in columns)) for i, length in enumerate(lengths)]

@@ -85,7 +85,7 @@ class TaskEvalCallback(ResumableEvalCallback):
             raise ValueError("eval_env ended an episode without info['task']: wrap the eval environment in MetaTask.")
         self._episode_tasks.append(np.array(info["task"], dtype=np.float32))
         episode_return = info["episode"]["r"] if locals_["is_monitor_wrapped"] else _running_return(locals_)
-        self._log_return(task_label(info["task"]), float(episode_return))
+        self._log_return(task_label(info["task"], info.get("task_index")), float(episode_return))
 
     def _log_return(self, label: str, episode_return: float) -> None:
         """Average the return into the log entry of the task; EvalCallback writes the log at the end."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -9,16 +11,40 @@ FEW_TASKS = 4
 """Up to so many tasks are shown one by one in figures, tables and videos; more are pooled."""
 
 
-def task_label(task: ArrayLike) -> str:
-    """Return a short name for a task vector, fit for log keys: ``[0.5, -1.0]`` gives ``"0.5_-1"``."""
+FEW_NUMBERS = 8
+"""A task of up to so many numbers is called by them; of more, by its place in the list and a name."""
+
+
+def task_label(task: ArrayLike, place: int | None = None) -> str:
+    """Return a short name for a task vector, fit for log keys: ``[0.5, -1.0]`` gives ``"0.5_-1"``.
+
+    A vector of more than eight numbers gets a name that is made of them, after its place: ``"#3-a3f09c"``.
+
+    Args:
+        task: the vector, ``(dim,)``.
+        place: where it stands in a list of tasks, from 0; None or less leaves it out.
+    """
     values = np.atleast_1d(np.asarray(task, dtype=np.float64)).round(6) + 0.0  # 6e-17 and -0 become 0
-    return "_".join(f"{value:g}" for value in values)
+    if len(values) <= FEW_NUMBERS:
+        return "_".join(f"{value:g}" for value in values)
+    name = hashlib.sha256(values.astype(np.float32).tobytes()).hexdigest()[:6]
+    return name if place is None or place < 0 else f"#{place}-{name}"
+
+
+def task_labels(tasks: ArrayLike) -> list[str]:
+    """Return the names of a list of tasks, ``(n, dim)``."""
+    return [task_label(task, place) for place, task in enumerate(np.asarray(tasks))]
 
 
 def task_title(task: ArrayLike) -> str:
     """Return the title for a task vector or its label: ``[0.5]`` gives ``"task 0.5"``, ``"1_0"`` ``"task (1, 0)"``."""
     label = task if isinstance(task, str) else task_label(task)
     return f"task ({label.replace('_', ', ')})" if "_" in label else f"task {label}"
+
+
+def task_titles(tasks: ArrayLike) -> list[str]:
+    """Return the titles of tasks ``(n, dim)``."""
+    return [task_title(label) for label in task_labels(tasks)]
 
 
 def pooled_title(n_tasks: int) -> str:

@@ -11,7 +11,7 @@ from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.eval_callback import LearningCurve
 from sb3_bruno.evaluation.floats import Floats, mean_of_known
-from sb3_bruno.evaluation.task_names import FEW_TASKS, pooled_title, task_label, task_title
+from sb3_bruno.evaluation.task_names import FEW_TASKS, pooled_title, task_label, task_title, task_titles
 from sb3_bruno.plotting.style import plot_bands
 
 
@@ -34,7 +34,7 @@ def plot_adaptation(results: Mapping[str, AdaptationResult], path: str | Path) -
     shared = all(np.array_equal(result.tasks, tasks) for result in results.values())
     pooled = not shared or len(tasks) > FEW_TASKS
     panels: dict[str, dict[str, Band]] = {}
-    for number, title in enumerate([pooled_title(len(tasks))] if pooled else map(task_title, tasks)):
+    for number, title in enumerate([pooled_title(len(tasks))] if pooled else task_titles(tasks)):
         rows = slice(None) if pooled else slice(number, number + 1)
         returns = ", ".join(f"{result.mean_return()[rows].mean():.1f}" for result in results.values())
         bands = {name: adaptation_band(result, rows) for name, result in results.items()}

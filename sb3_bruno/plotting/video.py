@@ -15,7 +15,8 @@ from sb3_bruno.algorithms.beliefs import TaskBelief
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders import HasPosterior
 from sb3_bruno.encoders.abilities import check_ability
-from sb3_bruno.evaluation.task_names import FEW_TASKS, task_title
+from sb3_bruno.evaluation.progress import progress
+from sb3_bruno.evaluation.task_names import FEW_TASKS, task_titles
 
 Frames = list[NDArray[np.uint8]]
 
@@ -28,6 +29,7 @@ def film_tasks(
     *,
     seed: int = 0,
     vec_normalize: VecNormalize | None = None,
+    progress_bar: bool = False,
 ) -> None:
     """Film one episode of each task; the agent acts deterministically.
 
@@ -38,6 +40,7 @@ def film_tasks(
         path: the video to write; its suffix chooses the format, such as .mp4.
         seed: of the environments, the same for every task.
         vec_normalize: the VecNormalize of training. Its statistics normalise the observations and stay as they are.
+        progress_bar: show one, where stderr is a terminal.
 
     Raises:
         ValueError: if there are no tasks or more than four, the environment renders no images, or the encoder has no
@@ -52,7 +55,7 @@ def film_tasks(
     envs = [make_env() for _ in task_array]
     fps = envs[0].metadata.get("render_fps", 30)
     episodes = [_episode(model, env, task, seed, vec_normalize) for env, task in zip(envs, task_array, strict=True)]
-    frames = _draw([task_title(task) for task in task_array], episodes)
+    frames = _draw(task_titles(task_array), episodes, progress_bar)
     ImageSequenceClip(frames, fps=fps).write_videofile(str(path), logger=None)
 
 
@@ -77,7 +80,7 @@ def _episode(
     return frames, beliefs
 
 
-def _draw(titles: list[str], episodes: list[tuple[Frames, list[TaskBelief]]]) -> Frames:
+def _draw(titles: list[str], episodes: list[tuple[Frames, list[TaskBelief]]], progress_bar: bool) -> Frames:
     """Draw the episodes side by side, one image per step; an episode that ended early keeps its last image."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -104,7 +107,7 @@ def _draw(titles: list[str], episodes: list[tuple[Frames, list[TaskBelief]]]) ->
         if column == 0:
             chart.set_ylabel("belief, mean and std", fontsize=8)
     drawn_frames: Frames = []
-    for step in range(length):
+    for step in progress(range(length), shown=progress_bar, about="frames"):
         for image, cursor, (frames, _) in zip(images, cursors, episodes, strict=True):
             at = min(step, len(frames) - 1)
             image.set_data(frames[at])

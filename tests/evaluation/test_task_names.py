@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sb3_bruno.evaluation.task_names import pooled_title, task_label, task_title
+from sb3_bruno.evaluation.task_names import pooled_title, task_label, task_labels, task_title
 
 
 def test_task_labels() -> None:
@@ -21,3 +21,12 @@ def test_a_title_is_made_from_a_task_or_its_label(task: list[float] | float, tit
 
 def test_tasks_shown_together_are_counted() -> None:
     assert pooled_title(30) == "30 tasks"
+
+
+def test_a_task_of_many_numbers_is_called_by_its_place_and_a_name() -> None:
+    tasks = np.random.default_rng(0).normal(size=(3, 40))
+    labels = task_labels(tasks)
+    assert [label[:3] for label in labels] == ["#0-", "#1-", "#2-"] and len(set(labels)) == 3
+    assert all(len(label) == 9 for label in labels)
+    assert labels[1].endswith(task_label(tasks[1])), "wherever it stands"
+    assert task_labels(tasks[:, :2]) == [task_label(task) for task in tasks[:, :2]]
