@@ -25,14 +25,14 @@ ROOMS = {  # each room, from the ground up, and the rooms that it may import
     "resume": {"algorithms", "files"},
     "report": {"evaluation", "files", "plotting", "runs"},
     "zoo": {"", "algorithms", "encoders", "evaluation", "files", "resume", "runs"},
-    "cli": {"algorithms", "diagnostics", "evaluation", "files", "plotting", "report", "runs", "zoo"},
+    "cli": {"", "algorithms", "diagnostics", "evaluation", "files", "plotting", "report", "runs", "zoo"},
     "quickstart": {"", "evaluation", "files", "plotting", "resume", "runs"},
 }
 KNOWS = {  # beyond the standard library, numpy and the rooms below
     "maths": {"torch", "zuko"},
     "encoders": {"torch", "typing_extensions", "zuko"},
     "files": set(),
-    "evaluation": {"gymnasium", "rliable", "stable_baselines3"},
+    "evaluation": {"gymnasium", "rliable", "stable_baselines3", "tqdm"},
     "runs": {"filelock", "pandas", "torch"},
 }
 

@@ -5,26 +5,22 @@ from __future__ import annotations
 import argparse
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch as th
-from stable_baselines3.common.utils import set_random_seed
 
-from sb3_bruno.algorithms.task_inference import TaskInference
-from sb3_bruno.cli.mistake import Mistake, told_as_mistake
+from sb3_bruno.cli.mistake import Mistake, check_installed, told_as_mistake
 from sb3_bruno.cli.parser import add_arguments, command_parser
-from sb3_bruno.diagnostics.diagnose import diagnose as measure
-from sb3_bruno.diagnostics.figure import plot_diagnostics
-from sb3_bruno.evaluation.adaptation import evaluate_adaptation
-from sb3_bruno.evaluation.eval_callback import load_learning_curve
-from sb3_bruno.evaluation.task_names import FEW_TASKS
-from sb3_bruno.plotting.curves import plot_adaptation, plot_learning_curves
-from sb3_bruno.plotting.video import film_tasks
-from sb3_bruno.zoo.trained import TrainedAgent, load_trained
+from sb3_bruno.cli.values import writable_file, writable_folder
+
+if TYPE_CHECKING:
+    from sb3_bruno.zoo.trained import TrainedAgent
 
 
 def evaluate(arguments: list[str]) -> None:
     """Test a trained agent on every test task; print, save and plot how it adapts.
+
+    Tests that differ in --steps, --split, --stochastic or --load-best have files of their own in the run's folder.
 
     example: sb3-bruno evaluate --algo bruno_sac --env CheetahDir-v0 -f logs --steps 1000
     """
@@ -32,71 +28,104 @@ def evaluate(arguments: list[str]) -> None:
     add_arguments(parser)
     parser.add_argument("--stochastic", action="store_true", help="draw actions, for an agent that has to search")
     parser.add_argument("--video", action="store_true", help="also record up to four tasks, with the belief below")
-    parser.add_argument("--out", type=Path, help="where adaptation.json and .png go (default: the run's folder)")
+    parser.add_argument(
+        "--out", type=writable_folder, help="where adaptation.json and .png go (default: the run's folder)"
+    )
     options = parser.parse_args(arguments)
+    check_installed("matplotlib", *(["moviepy"] if options.video else []))
+
+    from stable_baselines3.common.utils import set_random_seed
+
+    from sb3_bruno.algorithms.task_inference import TaskInference
+    from sb3_bruno.evaluation.adaptation import evaluate_adaptation
+    from sb3_bruno.evaluation.task_names import FEW_TASKS
+    from sb3_bruno.plotting.curves import plot_adaptation
+    from sb3_bruno.plotting.video import film_tasks
+
     agent = _load_agent(options)
     if options.video and not isinstance(agent.model, TaskInference):
         raise Mistake(f"--video draws the belief, and {options.algo} has none: use record-video")
     set_random_seed(options.seed)  # for actions that are drawn
-    result = evaluate_adaptation(
-        agent.model,
-        agent.make_env,
-        agent.test.tasks,
-        n_episodes=options.episodes,
-        deterministic=not options.stochastic,
-        seed=options.seed,
-        vec_normalize=agent.vec_normalize,
-        config={**agent.config, "deterministic": not options.stochastic},
-    )
-    out = options.out or agent.folder
-    out.mkdir(parents=True, exist_ok=True)
-    result.save(out / "adaptation.json")
-    plot_adaptation({options.algo: result}, out / "adaptation.png")
+    with told_as_mistake():
+        result = evaluate_adaptation(
+            agent.model,
+            agent.make_env,
+            agent.test.tasks,
+            n_episodes=options.episodes,
+            deterministic=not options.stochastic,
+            seed=options.seed,
+            vec_normalize=agent.vec_normalize,
+            config={**agent.config, "deterministic": not options.stochastic},
+            progress_bar=True,
+        )
+    kept = _file_of(options, agent, "adaptation")
+    result.save(kept.with_suffix(".json"))
+    plot_adaptation({options.algo: result}, kept.with_suffix(".png"))
     print(result.summary())
     if agent.test.n_inner > 1:
         means = result.returns_per_episode(agent.test.n_inner).mean(axis=(0, 1))
         print(f"mean return of each episode of a trial: {', '.join(f'{mean:.2f}' for mean in means)}")
-    print(f"Saved {out / 'adaptation.json'} and {out / 'adaptation.png'}")
+    print(f"Saved {kept.with_suffix('.json')} and {kept.with_suffix('.png')}")
     if options.video:
         assert isinstance(agent.model, TaskInference)  # checked before the test
         chosen = agent.test.tasks[
             np.linspace(0, len(agent.test.tasks) - 1, min(len(agent.test.tasks), FEW_TASKS)).astype(int)
         ]
-        shown = partial(agent.make_env, render_mode="rgb_array")
-        video = out / "adaptation.mp4"
-        film_tasks(agent.model, shown, chosen, video, seed=options.seed, vec_normalize=agent.vec_normalize)
-        print(f"Saved {video}")
+        film_tasks(
+            agent.model,
+            partial(agent.make_env, render_mode="rgb_array"),
+            chosen,
+            kept.with_suffix(".mp4"),
+            seed=options.seed,
+            vec_normalize=agent.vec_normalize,
+            progress_bar=True,
+        )
+        print(f"Saved {kept.with_suffix('.mp4')}")
 
 
 def diagnose(arguments: list[str]) -> None:
     """Measure how far a trained agent's belief can be trusted: calibration, bound, predictions, alarm.
 
-    Tasks outside the range of the training tasks, if the environment has any, should raise the alarm.
+    Tasks outside the range of the training tasks, if the environment has any, should raise the alarm. If all test tasks
+    are outside, the others are the training tasks.
 
     example: sb3-bruno diagnose --algo bruno_sac --env CartpoleSwingUp-v0 -f logs
     """
     parser = command_parser("diagnose", diagnose)
     add_arguments(parser)
-    parser.add_argument("--out", type=Path, help="where diagnostics.npz and .png go (default: the run's folder)")
+    parser.add_argument(
+        "--out", type=writable_folder, help="where diagnostics.npz and .png go (default: the run's folder)"
+    )
     options = parser.parse_args(arguments)
+    check_installed("matplotlib", "scipy")
+
+    from sb3_bruno.algorithms.task_inference import TaskInference
+    from sb3_bruno.diagnostics.diagnose import diagnose as measure
+    from sb3_bruno.diagnostics.figure import plot_diagnostics
+
     agent = _load_agent(options)
     if not isinstance(agent.model, TaskInference):
         raise Mistake(f"{options.algo} has no belief to diagnose")
-    found = measure(
-        agent.model,
-        agent.make_env,
-        agent.test.tasks[agent.test.inside],
-        n_episodes=options.episodes,
-        seed=options.seed,
-        vec_normalize=agent.vec_normalize,
-        outside_tasks=None if agent.test.inside.all() else agent.test.tasks[~agent.test.inside],
-    )
-    out = options.out or agent.folder
-    out.mkdir(parents=True, exist_ok=True)
-    found.save(out / "diagnostics.npz")
-    plot_diagnostics(found, out / "diagnostics.png")
+    inside, outside = agent.test.tasks[agent.test.inside], agent.test.tasks[~agent.test.inside]
+    if len(inside) == 0:
+        print(f"All {len(outside)} test tasks are outside the range of the training tasks: these are measured too")
+        inside = agent.test.train
+    with told_as_mistake():
+        found = measure(
+            agent.model,
+            agent.make_env,
+            inside,
+            n_episodes=options.episodes,
+            seed=options.seed,
+            vec_normalize=agent.vec_normalize,
+            outside_tasks=outside if len(outside) else None,
+            progress_bar=True,
+        )
+    kept = _file_of(options, agent, "diagnostics")
+    found.save(kept.with_suffix(".npz"))
+    plot_diagnostics(found, kept.with_suffix(".png"))
     print(found.summary())
-    print(f"Saved {out / 'diagnostics.npz'} and {out / 'diagnostics.png'}")
+    print(f"Saved {kept.with_suffix('.npz')} and {kept.with_suffix('.png')}")
 
 
 def _load_agent(options: argparse.Namespace) -> TrainedAgent:
@@ -105,7 +134,13 @@ def _load_agent(options: argparse.Namespace) -> TrainedAgent:
     Raises:
         Mistake: if it cannot be loaded or tested.
     """
+    import torch as th
+
+    from sb3_bruno.zoo.registry import register
+    from sb3_bruno.zoo.trained import load_trained
+
     th.set_num_threads(1)
+    register()
     with told_as_mistake():
         return load_trained(
             options.algo,
@@ -115,7 +150,27 @@ def _load_agent(options: argparse.Namespace) -> TrainedAgent:
             load_best=options.load_best,
             split=options.split,
             steps=options.steps,
+            gym_packages=options.gym_packages,
         )
+
+
+def _file_of(options: argparse.Namespace, agent: TrainedAgent, name: str) -> Path:
+    """Name the files to write, without suffix: in ``--out``, or in the run's folder by how the test was made.
+
+    So a test in the run's folder replaces no other one: adaptation.json is of whole episodes of the test tasks,
+    adaptation_30_steps.json of 30 steps.
+    """
+    if options.out is not None:
+        folder: Path = options.out
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder / name
+    chosen = {
+        f"{options.steps}_steps": options.steps is not None,
+        f"{options.split}_tasks": options.split != "test",
+        "stochastic": vars(options).get("stochastic", False),
+        "best": options.load_best,
+    }
+    return agent.folder / "_".join([name, *(choice for choice, is_made in chosen.items() if is_made)])
 
 
 def plot(arguments: list[str]) -> None:
@@ -127,8 +182,15 @@ def plot(arguments: list[str]) -> None:
     parser.add_argument("-a", "--algo", nargs="+", default=["bruno_sac"], help="(default: bruno_sac)")
     parser.add_argument("-e", "--env", default="CheetahDir-v0", help="(default: CheetahDir-v0)")
     parser.add_argument("-f", "--exp-folder", type=Path, default=Path("logs"), help="log folder (default: logs)")
-    parser.add_argument("--out", type=Path, default=Path("curves.png"), help="the figure (default: curves.png)")
+    parser.add_argument(
+        "--out", type=writable_file, default=Path("curves.png"), help="the figure (default: curves.png)"
+    )
     options = parser.parse_args(arguments)
+    check_installed("matplotlib")
+
+    from sb3_bruno.evaluation.eval_callback import load_learning_curve
+    from sb3_bruno.plotting.curves import plot_learning_curves
+
     curves = {}
     for algo in options.algo:
         runs = sorted((options.exp_folder / algo).glob(f"{options.env}_*"))

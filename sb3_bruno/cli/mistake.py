@@ -1,5 +1,6 @@
 """A mistake in a command, told in one line instead of a traceback."""
 
+import importlib.util
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -29,3 +30,14 @@ def told_as_mistake(kind: type[Exception] = ValueError, unless: Callable[[], boo
         if unless():
             raise
         raise Mistake(in_one_line(error)) from error
+
+
+def check_installed(*libraries: str) -> None:
+    """Refuse to begin what a library that is missing would end.
+
+    Raises:
+        Mistake: if one is not installed.
+    """
+    for library in libraries:
+        if importlib.util.find_spec(library) is None:
+            raise Mistake(f"{library} is not installed: pip install 'sb3_bruno[zoo]'")

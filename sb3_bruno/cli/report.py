@@ -9,11 +9,14 @@ import hashlib
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from sb3_bruno.cli.mistake import Mistake, told_as_mistake
+from sb3_bruno.cli.mistake import Mistake, check_installed, told_as_mistake
 from sb3_bruno.cli.parser import command_parser
-from sb3_bruno.report.page import check_budgets, write_page
-from sb3_bruno.runs.record import RunRecord
+from sb3_bruno.cli.values import writable_folder
+
+if TYPE_CHECKING:
+    from sb3_bruno.runs.record import RunRecord
 
 LONGEST = 100  # characters of a folder's name
 
@@ -24,12 +27,15 @@ def report(arguments: list[str]) -> None:
     example: sb3-bruno report logs/bruno_sac/CheetahDir-v0_* --out results
     """
     parser = command_parser("report", report)
-    parser.add_argument("runs", nargs="*", type=Path, help="folders of runs with an adaptation.json")
-    parser.add_argument("--out", type=Path, default=Path("results"), help="where the records and the page are")
+    parser.add_argument("runs", nargs="*", type=Path, help="folders of tested runs, or files adaptation*.json in them")
+    parser.add_argument(
+        "--out", type=writable_folder, default=Path("results"), help="where the records and the page are"
+    )
     options = parser.parse_args(arguments)
-    untested = [str(run) for run in options.runs if not (run / "adaptation.json").is_file()]
-    if untested:
-        raise Mistake(f"no adaptation.json in {', '.join(untested)}: test the run by `sb3-bruno evaluate` first")
+    check_installed("matplotlib", "pandas")
+
+    from sb3_bruno.report.page import check_budgets, write_page
+
     with told_as_mistake():
         new = {options.out / folder: record for folder, record in _records_of(options.runs).items()}
         old = _recorded(options.out)
@@ -47,6 +53,8 @@ def report(arguments: list[str]) -> None:
 
 def _recorded(out: Path) -> dict[Path, RunRecord]:
     """Load the records in a page's folder, by the folder of each."""
+    from sb3_bruno.runs.record import RunRecord
+
     return {path.parent: RunRecord.load(path.parent) for path in sorted(out.glob("*/*/run.json"))}
 
 
@@ -56,8 +64,11 @@ def _records_of(runs: Sequence[Path]) -> dict[str, RunRecord]:
     Raises:
         Mistake: if two runs have the same method and seed.
     """
+    from sb3_bruno.evaluation.progress import progress
+    from sb3_bruno.runs.record import RunRecord
+
     records: dict[str, RunRecord] = {}
-    for run in runs:
+    for run in progress(runs, shown=True, about="runs"):
         record = RunRecord.from_run(run)
         folder = f"{_folder_name(record.method)}/{_folder_name('seed' + str(record.about['config'].get('seed')))}"
         if folder in records:

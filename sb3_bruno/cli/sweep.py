@@ -22,10 +22,11 @@ from rl_zoo3.utils import StoreDict
 from sqlalchemy.exc import SQLAlchemyError
 
 from sb3_bruno.cli.mistake import Mistake, told_as_mistake
-from sb3_bruno.cli.parser import add_gym_packages, at_least_one, command_parser
+from sb3_bruno.cli.parser import add_gym_packages, command_parser
 from sb3_bruno.cli.trial_bar import trial_bar
+from sb3_bruno.cli.values import at_least_one
 from sb3_bruno.runs.denormals import flushed_denormals
-from sb3_bruno.zoo.configs import config_file, merged, read_configs
+from sb3_bruno.zoo.configs import config_file, find_config, merged, read_configs
 from sb3_bruno.zoo.one_line import in_one_line
 from sb3_bruno.zoo.plain_text import check_texts
 from sb3_bruno.zoo.registry import converter_of, import_packages
@@ -113,8 +114,8 @@ def read_config(algo: str, env: str, conf: str | None) -> dict[str, Any]:
     with told_as_mistake(OSError), told_as_mistake(ValueError):
         path = config_file(algo, conf) or str(Path(rl_zoo3.__file__).parent / "hyperparams" / f"{algo}.yml")
         configs = read_configs(path)
-    config: dict[str, Any] = configs.get(env, configs.get("default"))
-    if not isinstance(config, dict):
+    config = find_config(configs, env)
+    if config is None:
         raise Mistake(f"{path} has no {env}: give another file by -conf")
     return config
 

@@ -82,13 +82,15 @@ class RunRecord(NamedTuple):
 
     @classmethod
     def from_run(cls, folder: str | Path) -> RunRecord:
-        """Make the record of a run from its folder, which holds TaskEvalCallback's curve and ``adaptation.json``.
+        """Make the record of a run from its folder, which holds TaskEvalCallback's curve and tests.
+
+        Args:
+            folder: the run's, of whose tests ``find_test`` chooses one; or the file of a test in it.
 
         Raises:
             ValueError: if the folder lacks one of them.
         """
-        folder = Path(folder)
-        result = AdaptationResult.load(folder / "adaptation.json")
+        folder, result = find_test(Path(folder))
         _check_config(result.config, folder)
         steps = dict(zip(map(task_label, result.tasks), result.steps_to_steady().tolist(), strict=True))
         about = {"config": result.config, "versions": result.versions, "test_seed": result.seed, "steps_to_90": steps}
@@ -126,6 +128,29 @@ class RunRecord(NamedTuple):
             "inside": [label for label, is_inside in pairs if is_inside],
             "outside": [label for label, is_inside in pairs if not is_inside],
         }
+
+
+def find_test(run: Path) -> tuple[Path, AdaptationResult]:
+    """Return the folder of a run and its test.
+
+    Args:
+        run: the file of the test; or the folder, of whose tests on the agent as it was trained last the longest
+            counts, and of equally long ones that with the shortest name: ``adaptation.json`` before
+            ``adaptation_stochastic.json``.
+
+    Raises:
+        ValueError: if there is no test.
+    """
+    if run.is_file():
+        return run.parent, AdaptationResult.load(run)
+    tests = {path: AdaptationResult.load(path) for path in sorted(run.glob("adaptation*.json"))}
+    if not tests:
+        raise ValueError(f"no adaptation.json in {run}: test the run by `sb3-bruno evaluate` first")
+
+    def rank(path: Path) -> tuple[float, int, int]:
+        return float(tests[path].config.get("env_steps", 0)), tests[path].horizon, -len(path.name)
+
+    return run, tests[max(tests, key=rank)]
 
 
 def _check_config(config: Any, folder: Path) -> None:

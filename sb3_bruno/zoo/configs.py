@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 import sb3_bruno
+from sb3_bruno.zoo.one_line import in_one_line
+
+DEFAULT = "default"
+"""The section of a config file that serves environments without a section of their own, as in RL Zoo."""
 
 
 def configs_folder() -> Path:
@@ -36,16 +42,27 @@ def config_file(algo: str, conf: str | None = None) -> str | None:
     if conf is None:
         ours = folder / f"{algo}.yml"
         return str(ours) if ours.is_file() else None
-    if (folder / conf).is_dir():
+    folders = sorted(path.name for path in folder.iterdir() if path.is_dir() and any(path.glob("*.yml")))
+    if conf in folders:
         ours = folder / conf / f"{algo}.yml"
         if not ours.is_file():
             algos = ", ".join(sorted(path.stem for path in ours.parent.glob("*.yml")))
             raise ValueError(f"-conf {conf} has no config of --algo {algo}: it has {algos}")
         return str(ours)
-    if conf.endswith((".yml", ".yaml", ".py")) and not Path(conf).is_file():
-        folders = ", ".join(sorted(path.name for path in folder.iterdir() if path.is_dir()))
-        raise ValueError(f"-conf {conf} is neither a file nor one of our folders ({folders})")
+    exists = Path(conf).is_file() if conf.endswith((".yml", ".yaml", ".py")) else _is_package(conf)
+    if not exists:
+        nearest = get_close_matches(conf, folders, n=1)
+        remedy = f": did you mean {nearest[0]}?" if nearest else ""
+        raise ValueError(f"-conf {conf} is neither a file nor one of our folders ({', '.join(folders)}){remedy}")
     return conf
+
+
+def _is_package(name: str) -> bool:
+    """Say whether Python can import something of this name."""
+    try:
+        return importlib.util.find_spec(name) is not None
+    except (ImportError, ValueError):  # of its parent, or no name at all
+        return False
 
 
 def config_name(algo: str, conf: str | None) -> str | None:
@@ -62,11 +79,30 @@ def config_name(algo: str, conf: str | None) -> str | None:
 
 
 def read_configs(path: str | None) -> dict[str, Any]:
-    """Read a YAML config, by environment. RL Zoo's other kinds of config are programs, and read as empty."""
+    """Read a YAML config, by environment. RL Zoo's other kinds of config are programs, and read as empty.
+
+    Raises:
+        ValueError: if the file cannot be read, or does not hold hyperparameters by environment.
+    """
     if path is None or not path.endswith((".yml", ".yaml")):
         return {}
-    configs: dict[str, Any] = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    try:
+        configs: Any = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (yaml.YAMLError, OSError, UnicodeError) as error:
+        raise ValueError(f"-conf {path} cannot be read as YAML: {in_one_line(error)}") from error
+    form = "write the environment's id, and below it `policy: MlpPolicy` and the other hyperparameters"
+    if not isinstance(configs, dict) or not configs:
+        raise ValueError(f"-conf {path} holds no environments: {form}")
+    for env_id, config in configs.items():
+        if not isinstance(config, dict) or not all(isinstance(name, str) for name in config):
+            raise ValueError(f"-conf {path} holds no hyperparameters of {env_id}: {form}")
     return configs
+
+
+def find_config(configs: Mapping[str, Any], env_id: str) -> dict[str, Any] | None:
+    """Find an environment's hyperparameters, or the file's ``default`` ones; None if it has neither."""
+    found: dict[str, Any] | None = configs.get(env_id, configs.get(DEFAULT))
+    return found
 
 
 def merged(config: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import rl_zoo3
 from rl_zoo3.exp_manager import ExperimentManager
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_SAMPLER
@@ -19,12 +19,17 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.evaluation.eval_callback import TaskEvalCallback
 from sb3_bruno.evaluation.resumable_eval import ResumableEvalCallback
-from sb3_bruno.zoo.configs import config_file, merged, read_configs
-from sb3_bruno.zoo.held_out import FRESH, HeldOut, hold_out, listed_tasks
+from sb3_bruno.zoo.configs import DEFAULT, config_file, find_config, merged, read_configs
+from sb3_bruno.zoo.environments import EnvFacts, ask, in_turn
+from sb3_bruno.zoo.fit import check_env, check_hyperparameters
+from sb3_bruno.zoo.held_out import FRESH, HeldOut, hold_out
 from sb3_bruno.zoo.kept_run import KeptRun, RunOptions, WholeStatistics
+from sb3_bruno.zoo.merging import Merging
+from sb3_bruno.zoo.one_line import in_one_line
 from sb3_bruno.zoo.registry import sampler_of
 from sb3_bruno.zoo.saved_yaml import read_saved
 from sb3_bruno.zoo.search import begin_or_join
+from sb3_bruno.zoo.seldom import SeldomTables
 from sb3_bruno.zoo.storage import check_storage
 from sb3_bruno.zoo.trial import drawn_in_trial
 
@@ -71,17 +76,33 @@ class TaskExperiment(KeptRun):
             saved = read_saved(Path(self.params_path, "config.yml"))
             return dict(saved), saved
         configs = read_configs(self.config)
-        if configs and not self._is_atari and not {self.env_name.gym_id, "default"} & configs.keys():
+        config = find_config(configs, self.env_name.gym_id)
+        if config is None and configs and not self._is_atari:
             raise ValueError(f"{self.config} has no {self.env_name.gym_id}: give another file by -conf")
-        config = configs.get(self.env_name.gym_id, configs.get("default", {}))
+        if config is not None and self.env_name.gym_id not in configs:
+            print(f"{self.config} has no section of {self.env_name.gym_id}: taking the one called {DEFAULT}")
+        config = config or {}
         given = self.custom_hyperparams or {}
         if self.trial_id is not None:
             base = merged(config, given)
             drawn = drawn_in_trial(self.storage, self.study_name, self.trial_id, self.algo, base)
             given = merged(drawn, given)
+        if configs and self.n_timesteps > 0 and "n_timesteps" not in config:
+            given = {"n_timesteps": self.n_timesteps, **given}
         self.custom_hyperparams = {name: merged(config, given)[name] for name in given}
-        read: tuple[dict[str, Any], dict[str, Any]] = super().read_hyperparameters()
+        try:
+            read: tuple[dict[str, Any], dict[str, Any]] = super().read_hyperparameters()
+        except Exception as error:  # a config that is a program may raise anything
+            raise ValueError(f"-conf {self.config} cannot be read: {in_one_line(error)}: correct it") from error
+        check_hyperparameters(self.algo, read[0])
         return read
+
+    def _preprocess_hyperparams(self, hyperparams: dict[str, Any]) -> tuple[dict[str, Any], Any, list[Any], Any]:
+        """Prepare the hyperparameters as rl_zoo3 does, and refuse an environment that the algorithm cannot learn in."""
+        processed: tuple[dict[str, Any], Any, list[Any], Any] = super()._preprocess_hyperparams(hyperparams)
+        self.env_wrapper = processed[1]
+        check_env(self.algo, self.env_name.gym_id, self.env_kwargs, self.env_wrapper)
+        return processed
 
     @staticmethod
     def _preprocess_schedules(hyperparams: dict[str, Any]) -> dict[str, Any]:
@@ -122,7 +143,7 @@ class TaskExperiment(KeptRun):
         self._held_out = hold_out(self.env_name.gym_id, self.env_kwargs)
         self.env_kwargs = self._held_out.train
         self.n_eval_episodes = self._whole_cycles(self._held_out.n_tasks)
-        self._hyperparams = _Config(self._hyperparams)
+        self._hyperparams = Merging(self._hyperparams)
         if self.storage is not None and self.study_name is not None:
             begin_or_join(self.storage, self.study_name, self.algo, self.env_name.gym_id)
 
@@ -140,33 +161,39 @@ class TaskExperiment(KeptRun):
         super().create_callbacks()  # type: ignore[no-untyped-call]
         stock = self.callbacks[-1] if self.callbacks else None
         if isinstance(stock, EvalCallback):
-            kind = TaskEvalCallback if self._names_its_task() else ResumableEvalCallback
+            kind = TaskEvalCallback if self._facts.names_task else ResumableEvalCallback
             self.callbacks[-1] = kind(
                 stock.eval_env,
                 callback_on_new_best=WholeStatistics(save_freq=1, save_path=self.params_path),
                 best_model_save_path=self.save_path,
-                n_eval_episodes=self._whole_cycles(max(self._n_test_tasks(), 1)),
+                n_eval_episodes=self._whole_cycles(max(len(self._facts.test_tasks), 1)),
                 log_path=self.save_path,
                 eval_freq=self.eval_freq,
                 deterministic=self.deterministic_eval,
             )
         self.create_checkpoints(rl_zoo3.ALGOS[self.algo])
+        if self.log_interval == -1:
+            self.callbacks.append(SeldomTables(self.n_timesteps))
 
     def create_envs(self, n_envs: int, eval_env: bool = False, no_log: bool = False) -> VecEnv:
         """Create the environments, with the task in the monitor files.
 
         In a search, the environments that judge a trial get a seed of their own.
         """
-        if self._names_its_task():
+        if self._facts.records_task:
             self.monitor_kwargs.setdefault("info_keywords", ("task_index", "task"))
         if eval_env and self._eval_env_kwargs_args is None:
             self.eval_env_kwargs = self._test_env_kwargs()
         fresh = FRESH if eval_env and self._held_out is not None else 0
+        wrap = self.env_wrapper
+        if eval_env and self._held_out is None and not self._facts.can_cycle and len(self._facts.test_tasks):
+            self.env_wrapper = partial(in_turn, wrap=wrap, tasks=self._facts.test_tasks)
         self.seed += fresh
         try:
             return super().create_envs(n_envs, eval_env, no_log)
         finally:
             self.seed -= fresh
+            self.env_wrapper = wrap
 
     def _test_env_kwargs(self) -> dict[str, Any]:
         """Return the keywords of the environments to evaluate in: the training ones, and which tasks to go through.
@@ -175,11 +202,13 @@ class TaskExperiment(KeptRun):
         """
         if self._held_out is not None:
             return self._held_out.judge
-        return {**self.env_kwargs, "split": "test", "draw": "cycle"} if self._n_test_tasks() else self.env_kwargs
+        cycles = self._facts.can_cycle and len(self._facts.test_tasks)
+        return {**self.env_kwargs, "split": "test", "draw": "cycle"} if cycles else self.env_kwargs
 
-    def _n_test_tasks(self) -> int:
-        """Count the test tasks, 0 if the environment does not list them."""
-        return len(listed_tasks(self.env_name.gym_id, self.env_kwargs, "test"))
+    @cached_property
+    def _facts(self) -> EnvFacts:
+        """What the environment says of its tasks."""
+        return ask(self.env_name.gym_id, self.env_kwargs, self.env_wrapper)
 
     def _whole_cycles(self, n_tasks: int) -> int:
         """Round ``n_eval_episodes`` up, so that every evaluation env meets each of its tasks equally often.
@@ -189,28 +218,8 @@ class TaskExperiment(KeptRun):
         cycle = n_tasks * self.n_eval_envs
         return cycle * math.ceil(self.n_eval_episodes / cycle)
 
-    def _names_its_task(self) -> bool:
-        env = gym.make(self.env_name.gym_id, **self.env_kwargs)
-        try:
-            return env.has_wrapper_attr("task_space")
-        finally:
-            env.close()
-
     def _load_pretrained_agent(self, hyperparams: dict[str, Any], env: VecEnv) -> BaseAlgorithm:
         """Load the agent to train on. rl_zoo3 keeps the policy's arguments; keep the encoder's too."""
         kept = {key: value for key, value in hyperparams.items() if key not in ENCODER_ARGUMENTS}
         model: BaseAlgorithm = super()._load_pretrained_agent(kept, env)
         return model
-
-
-class _Config(dict[str, Any]):
-    """Hyperparameters into which those of a trial are merged.
-
-    rl_zoo3 copies the dict and updates it with what a trial draws: these two calls alone are changed.
-    """
-
-    def copy(self) -> _Config:
-        return _Config(self)
-
-    def update(self, drawn: dict[str, Any]) -> None:  # type: ignore[override]  # rl_zoo3 passes a dict
-        super().update(merged(self, drawn))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
-from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
+
+from sb3_bruno.zoo.environments import make_env, takes, tasks_of
 
 FEWEST = 10  # training tasks, of which some are held out
 FRESH = 10_000  # is added to the seed of the environments that a trial is judged on
@@ -29,7 +28,7 @@ class HeldOut(NamedTuple):
 
 
 def listed_tasks(env_id: str, env_kwargs: dict[str, Any], split: str) -> NDArray[np.float32]:
-    """List the tasks of a split, ``(n_tasks, task_dim)``; none if the environment cannot go through a list of them.
+    """List the tasks of a split, ``(n_tasks, task_dim)``; none if the environment cannot be made with a part of them.
 
     One that can takes ``split``, ``tasks`` and ``draw``, as every ``Family`` of ``sb3_bruno_envs`` does, whoever
     registered it.
@@ -39,17 +38,13 @@ def listed_tasks(env_id: str, env_kwargs: dict[str, Any], split: str) -> NDArray
         env_kwargs: what it is made with.
         split: "train" or "test".
     """
-    none = np.zeros((0, 0), dtype=np.float32)
-    entry_point = gym.spec(env_id).entry_point
-    creator = load_env_creator(entry_point) if isinstance(entry_point, str) else entry_point
-    if creator is None or not {"split", "tasks", "draw"} <= inspect.signature(creator).parameters.keys():
-        return none
-    env = gym.make(env_id, **env_kwargs)
-    distribution = env.get_wrapper_attr("task_distribution") if env.has_wrapper_attr("task_distribution") else None
-    env.close()
-    list_tasks = getattr(distribution, "tasks", None)  # a distribution of endless tasks has no list
-    tasks: NDArray[np.float32] = none if list_tasks is None else list_tasks(split)
-    return tasks
+    if not takes(env_id, "split", "tasks", "draw"):
+        return np.zeros((0, 0), dtype=np.float32)
+    env = make_env(env_id, env_kwargs)
+    try:
+        return tasks_of(env, split)
+    finally:
+        env.close()
 
 
 def hold_out(env_id: str, env_kwargs: dict[str, Any]) -> HeldOut:

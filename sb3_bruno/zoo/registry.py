@@ -70,6 +70,18 @@ def converter_of(algo: str, config: Mapping[str, Any]) -> Callable[..., dict[str
     return converter
 
 
+def check_algorithm(algo: str) -> None:
+    """Refuse a name that no algorithm has.
+
+    Raises:
+        ValueError: naming the nearest that there is.
+    """
+    if algo not in rl_zoo3.ALGOS:
+        nearest = get_close_matches(algo, rl_zoo3.ALGOS, n=1)
+        remedy = f"did you mean {nearest[0]}?" if nearest else f"there are {', '.join(sorted(rl_zoo3.ALGOS))}"
+        raise ValueError(f"--algo {algo} is unknown: {remedy}")
+
+
 def check_registered(env_id: str) -> None:
     """Refuse an environment that nobody has registered.
 
@@ -78,9 +90,6 @@ def check_registered(env_id: str) -> None:
     """
     if env_id in gym.registry:
         return
-    package, colon, name = env_id.rpartition(":")
-    if colon:
-        raise ValueError(f"--env {env_id} is not registered: give --gym-packages {package} --env {name}")
     remedy = "name the package that does by --gym-packages"
     nearest = get_close_matches(env_id, gym.registry, n=1)
     if nearest:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sb3_bruno.zoo.configs import config_file, config_name, read_configs
+from sb3_bruno.zoo.configs import config_file, config_name, find_config, read_configs
 from sb3_bruno.zoo.saved_yaml import read_saved
 
 
@@ -68,7 +68,7 @@ class SavedRun(NamedTuple):
         if self.env_kwargs:
             used["env_kwargs"] = self.env_kwargs
         conf = self.arguments["conf_file"]
-        config = _read_config(algo, conf).get(env_id)
+        config = find_config(_read_config(algo, conf), env_id)
         if config is None:
             differing = dict(self.arguments["hyperparams"] or {})
         else:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,15 +12,16 @@ import numpy as np
 import rl_zoo3
 from huggingface_sb3 import EnvironmentName
 from numpy.typing import NDArray
-from rl_zoo3.utils import get_model_path
+from rl_zoo3.utils import get_latest_run_id, get_model_path, get_wrapper_class
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_bruno.runs.clock import TrainingClock
 from sb3_bruno.runs.folder import is_unfinished, latest_finished
 from sb3_bruno.runs.origin import trained_at
+from sb3_bruno.zoo.environments import make_env, takes, tasks_of
 from sb3_bruno.zoo.one_line import in_one_line
-from sb3_bruno.zoo.registry import import_packages
+from sb3_bruno.zoo.registry import check_algorithm, check_registered, import_packages
 from sb3_bruno.zoo.saved_run import SavedRun
 
 MakeEnv = Callable[..., gym.Env[Any, Any]]
@@ -32,11 +32,13 @@ class TestTasks(NamedTuple):
 
     Attributes:
         tasks: all tasks of a split, ``(n_tasks, task_dim)``.
+        train: all training tasks, ``(n_train, task_dim)``.
         inside: which of them lie between training tasks, ``(n_tasks,)``.
         n_inner: episodes in a trial; 1 if the environment has no trials.
     """
 
     tasks: NDArray[np.float32]
+    train: NDArray[np.float32]
     inside: NDArray[np.bool_]
     n_inner: int
 
@@ -70,6 +72,7 @@ def load_trained(
     load_best: bool = False,
     split: str = "test",
     steps: int | None = None,
+    gym_packages: Sequence[str] = (),
 ) -> TrainedAgent:
     """Load the agent of a run, and what it is to be tested on.
 
@@ -81,35 +84,48 @@ def load_trained(
         load_best: load the best model of the run instead of the last.
         split: the tasks to test on, "train" or "test".
         steps: length of a test episode; None for the environment's own.
+        gym_packages: packages to import, besides those that the run remembers.
 
     Raises:
         ValueError: if no agent can be loaded, all runs are unfinished and ``exp_id`` chooses none, its environment has
             no list of tasks, or ``steps`` would cut a trial.
     """
+    package, _, env = env.rpartition(":")
+    packages = [*gym_packages, *([package] if package else [])]
+    check_algorithm(algo)
     env_name = EnvironmentName(env)
     exp_id = exp_id or latest_finished(Path(logs) / algo, env_name)
     try:
         _, model_path, folder = get_model_path(exp_id, str(logs), algo, env_name, load_best)
-    except AssertionError as error:
-        raise ValueError(str(error)) from error
+    except (AssertionError, ValueError) as error:
+        import_packages(packages)
+        check_registered(env)  # a wrong name is the likely reason
+        raise ValueError(f"{error}: train there, or give another -f, --algo, --env or --exp-id") from error
     run, params = Path(folder), Path(folder) / env_name
     if is_unfinished(run):
         warnings.warn(f"{run} is unfinished: this is the agent as it was when it was last saved.", stacklevel=2)
     saved = SavedRun.load(params)
-    import_packages(saved.gym_packages)
-    env_kwargs = saved.env_kwargs | {"split": split}
+    import_packages([*packages, *saved.gym_packages])
+    check_registered(env)
+    env_kwargs = saved.env_kwargs
+    if takes(env, "split"):
+        env_kwargs["split"] = split
     if steps is not None:
         env_kwargs["max_episode_steps"] = steps
-    make_env = partial(gym.make, env_name.gym_id, **env_kwargs)
-    test = _test_tasks(make_env, split)
+    wrap = get_wrapper_class(saved.hyperparams)
+
+    def make_test_env(**more: Any) -> gym.Env[Any, Any]:
+        return make_env(env, {**env_kwargs, **more}, wrap)
+
+    test = _test_tasks(make_test_env, env, split)
     if steps is not None and test.n_inner > 1:
         raise ValueError(f"--steps {steps}: a trial is as long as its {test.n_inner} episodes, so leave it out")
     model = _load(algo, model_path)
     clock = TrainingClock.of_run(run)
     config = {
         "algo": algo,
-        **saved.choices(algo, env_name.gym_id),
-        "env": env_name.gym_id,
+        **saved.choices(algo, env),
+        "env": env,
         "split": split,
         "env_steps": model.num_timesteps,
         "seed": model.seed,
@@ -118,36 +134,59 @@ def load_trained(
         "inside_train_box": test.inside.tolist(),
         "n_inner_episodes": test.n_inner,
     }
-    return TrainedAgent(model, make_env, test, _vec_normalize(params, make_env), run, config)
+    return TrainedAgent(model, make_test_env, test, _vec_normalize(params, make_test_env), run, config)
 
 
-def _test_tasks(make_env: MakeEnv, split: str) -> TestTasks:
+def packages_of_run(algo: str, env: str, logs: str | Path, exp_id: int = 0) -> list[str] | None:
+    """Return the packages that a run's training imported; None if there is no such run.
+
+    Args:
+        algo: rl_zoo3's name of the algorithm.
+        env: id of the environment.
+        logs: the log folder.
+        exp_id: the run's number, 0 for the latest, -1 for the agent in the log folder itself.
+    """
+    name, folder = EnvironmentName(env), Path(logs, algo)
+    number = exp_id or get_latest_run_id(str(folder), name)
+    try:
+        return SavedRun.load((folder / f"{name}_{number}" if number > 0 else folder) / name).gym_packages
+    except ValueError:
+        return None
+
+
+def _test_tasks(make_env: MakeEnv, env_id: str, split: str) -> TestTasks:
     """List the tasks of a split.
 
     Raises:
         ValueError: if the environment has no such list.
     """
+    env = make_env()
     try:
-        env = make_env()
-        distribution = env.get_wrapper_attr("task_distribution")
-        tasks: NDArray[np.float32] = distribution.tasks(split)
-    except (TypeError, AttributeError) as error:
-        raise ValueError(f"the environment has no list of {split} tasks to test on: {error}") from error
-    n_inner = env.get_wrapper_attr("n_episodes") if env.has_wrapper_attr("n_episodes") else 1
-    env.close()
-    return TestTasks(tasks, distribution.inside_train_box(tasks), n_inner)
+        tasks = tasks_of(env, split)
+        if len(tasks) == 0:
+            remedy = "give its MetaTask a TaskSet, or an array of tasks"
+            raise ValueError(f"--env {env_id}: the environment has no list of {split} tasks to test on: {remedy}")
+        is_inside = getattr(env.get_wrapper_attr("task_distribution"), "inside_train_box", None)
+        inside = np.ones(len(tasks), dtype=bool) if is_inside is None else is_inside(tasks)
+        n_inner = env.get_wrapper_attr("n_episodes") if env.has_wrapper_attr("n_episodes") else 1
+        return TestTasks(tasks, tasks_of(env, "train"), inside, n_inner)
+    finally:
+        env.close()
 
 
 def _load(algo: str, path: str) -> BaseAlgorithm:
     """Load a model on the CPU.
 
     Raises:
-        ValueError: if the file is damaged, or another algorithm's.
+        ValueError: if the file is damaged, or another algorithm's; or the weights are not finite.
     """
     try:
         model: BaseAlgorithm = rl_zoo3.ALGOS[algo].load(path, device="cpu")
     except Exception as error:  # a damaged file may raise anything
         raise ValueError(f"{path} cannot be loaded as {algo}: {in_one_line(error)}: train it again") from error
+    if not all(weights.isfinite().all() for weights in model.policy.parameters()):
+        remedy = "train it again, with a lower learning_rate"
+        raise ValueError(f"{path} is an agent whose weights are not finite, for its training diverged: {remedy}")
     return model
 
 

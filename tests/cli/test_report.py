@@ -21,7 +21,7 @@ def make_run(folder, **config):
 @pytest.fixture
 def no_page(monkeypatch):
     """Let ``report`` save records alone, for figures take seconds."""
-    monkeypatch.setattr("sb3_bruno.cli.report.write_page", lambda records, out: "")
+    monkeypatch.setattr("sb3_bruno.report.page.write_page", lambda records, out: "")
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from sb3_bruno.diagnostics.result import Diagnostics
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.eval_callback import load_learning_curve
 from sb3_bruno.runs.origin import ORIGIN, trained_at
-from sb3_bruno.zoo.configs import config_file, config_name, configs_folder
+from sb3_bruno.zoo.configs import DEFAULT, config_file, config_name, configs_folder, find_config, read_configs
 from sb3_bruno.zoo.registry import ALGORITHMS
 from sb3_bruno.zoo.saved_yaml import read_saved
 from sb3_bruno_envs import CHEETAH_VEL_TASKS
@@ -30,9 +30,12 @@ CONFIGS = sorted(configs_folder().rglob("*.yml"))
 
 
 def of_config(path):
-    """(-conf, algorithm, environment) of every entry of a config file."""
+    """(-conf, algorithm, environment) of every entry of a config file: an environment without one for the default."""
     folder = None if path.parent == configs_folder() else path.parent.name
-    return [(folder, path.stem, env) for env in yaml.safe_load(path.read_text())]
+    entries = yaml.safe_load(path.read_text())
+    others = [env for env in ("PointGoal-v0", "SparsePointGoal-v0") if env not in entries]
+    envs = [env for env in entries if env != DEFAULT] + others[:1]
+    return [(folder, path.stem, env) for env in envs]
 
 
 @pytest.mark.parametrize(("conf", "algo", "env"), [entry for path in CONFIGS for entry in of_config(path)])
@@ -46,7 +49,7 @@ def test_every_config_runs(run, tmp_path, conf, algo, env):
     folder = tmp_path / "logs" / algo / f"{env}_1"
     assert (folder / f"{env}.zip").is_file()
     saved = read_saved(folder / env / "config.yml")
-    given = yaml.safe_load(Path(config_file(algo, conf)).read_text())[env]
+    given = find_config(read_configs(config_file(algo, conf)), env)
     assert set(given) <= set(saved)
 
 
@@ -234,12 +237,10 @@ def test_a_killed_run_is_resumed_exactly(run, tmp_path):
     [
         (["train", "--env", "Pointdir-v0"], "did you mean PointDir-v0?"),
         (["train", "--env", "Mine-v0"], "Mine-v0 is not registered: name the package that does by --gym-packages"),
-        (["train", "--env", "my_envs:Mine-v0"], "give --gym-packages my_envs --env Mine-v0"),
+        (["train", "--env", "my_envs:Mine-v0"], "--gym-packages my_envs cannot be imported"),
         (["enjoy", "--env", "Mine-v0"], "Mine-v0 is not registered: name the package that does by --gym-packages"),
         (["record-video", "--env", "Mine-v0"], "name the package that does by --gym-packages"),
-        (["train", "--env", "Pendulum-v1"], "bruno_sac.yml has no Pendulum-v1: give another file by -conf"),
         (["train", "--env", "PointDir-v0", "-n", "9", "-params", "learning_rat:1"], "`learning_rat`: did you mean"),
-        (["train", "-params", "gamma=1"], "invalid syntax"),
         (
             ["train", "-conf", "none.yml"],
             "-conf none.yml is neither a file nor one of our folders (markov, oracle, paper)",
@@ -247,7 +248,6 @@ def test_a_killed_run_is_resumed_exactly(run, tmp_path):
         (["train", "-conf", "oracle"], "-conf oracle has no config of --algo bruno_sac: it has sac"),
         (["train", "--resume", "none"], "--resume none: no checkpoint.pkl there"),
         (["train", "--resume", "none", "-n", "9"], "leave out -n 9"),
-        (["train", "--env", "PointDir-v0", "-params", "n_envs:0"], "ZeroDivisionError"),
         (["train", "--env", "PointDir-v0", "-params", "policy_kwargs:'dict(activation_fn=nn.Tanhh)'"], "'Tanhh'"),
         (["train", "--env", "PointDir-v0", "-params", "env_wrapper:'gymnasium.wrappers.Nope'"], "'Nope'"),
         (["train", "--algo", "tqc", "--env", "PointDir-v0"], "You must use `MultiInputPolicy`"),
@@ -255,7 +255,6 @@ def test_a_killed_run_is_resumed_exactly(run, tmp_path):
         (["enjoy", "-f", "none"], "none/bruno_sac folder was not found"),
         (["record-video", "-f", "none"], "none/bruno_sac folder was not found"),
         (["plot", "-f", "none"], "no evaluated run of CheetahDir-v0"),
-        (["trian"], "unknown command 'trian'"),
     ],
     ids=" ".join,
 )

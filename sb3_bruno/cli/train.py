@@ -1,0 +1,78 @@
+"""``sb3-bruno train``: rl_zoo3's training, with our algorithms, environments and configs, and exact resume."""
+
+from __future__ import annotations
+
+import importlib.util
+import threading
+from functools import partial
+from pathlib import Path
+
+from sb3_bruno.cli.mistake import Mistake, told_as_mistake
+from sb3_bruno.cli.upstream import DEFAULTS, Arguments, asks_for_help, call, choose_env, own_parser, replaced
+from sb3_bruno.cli.values import whole_number
+
+
+def train(arguments: Arguments) -> None:
+    """Train an agent as rl_zoo3 does, or go on with a run exactly from its last checkpoint.
+
+    One torch thread unless --num-threads says otherwise. -conf takes a file, or a folder of ours such as oracle.
+    Ten tables of the log are printed, or as many as --log-interval says.
+
+    example: sb3-bruno train --algo bruno_sac --env CheetahDir-v0 --seed 1 -P
+             sb3-bruno train --resume logs/bruno_sac/CheetahDir-v0_1
+    """
+    parser = own_parser("train", train)
+    parser.add_argument("--resume", type=Path, metavar="DIR", help="go on with the run in DIR; other flags are its own")
+    parser.add_argument(
+        "--checkpoint-freq",
+        type=whole_number(0),
+        default=25_000,
+        metavar="N",
+        help="env steps between checkpoints, 0: none (default: 25000)",
+    )
+    own, rest = parser.parse_known_args(arguments)
+    wants_help = asks_for_help(parser, rest)
+
+    import rl_zoo3.train
+
+    from sb3_bruno.runs.denormals import flushed_denormals
+    from sb3_bruno.zoo.experiment import TaskExperiment
+    from sb3_bruno.zoo.kept_run import RunOptions
+    from sb3_bruno.zoo.registry import check_registered, import_packages, register
+
+    register()
+    if wants_help:
+        call(rl_zoo3.train.train, "train", ["--help"])
+    resume_from = own.resume
+    if resume_from is not None:
+        if rest:
+            raise Mistake(f"--resume goes on with the run's own flags: leave out {' '.join(rest)}")
+        own, rest = parser.parse_known_args(_command_of(resume_from))
+    for needed in ("wandb", "tensorboard") if "--track" in rest else ():
+        if importlib.util.find_spec(needed) is None:
+            raise Mistake(f"--track needs {needed}, which is not installed: pip install 'sb3_bruno[wandb]'")
+    chosen = choose_env(rest, {**DEFAULTS, "--num-threads": "1"})
+    with told_as_mistake():
+        import_packages(chosen.packages)
+        check_registered(chosen.env)
+    has_started = threading.Event()  # until it is set, an error is a mistake in the command
+    options = RunOptions(own.checkpoint_freq, resume_from, chosen.command, has_started.set)
+    experiment = partial(TaskExperiment, options=options)
+    with flushed_denormals(), replaced(vars(rl_zoo3.train), "ExperimentManager", experiment):
+        call(rl_zoo3.train.train, "train", chosen.command, has_started.is_set)
+
+
+def _command_of(folder: Path) -> Arguments:
+    """Read the command that started the run in ``folder``, with its seed and checkpoint frequency.
+
+    Raises:
+        Mistake: if the folder has no checkpoint, or its origin cannot be read.
+    """
+    from sb3_bruno.runs.origin import ORIGIN, load_command
+    from sb3_bruno.zoo.kept_run import CHECKPOINT
+
+    missing = [name for name in (CHECKPOINT, ORIGIN) if not (folder / name).is_file()]
+    if missing:
+        raise Mistake(f"--resume {folder}: no {missing[0]} there, so there is nothing to go on from: train anew")
+    with told_as_mistake():
+        return load_command(folder)

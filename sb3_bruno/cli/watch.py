@@ -1,0 +1,112 @@
+"""``sb3-bruno enjoy`` and ``record-video``: rl_zoo3's, of our agents in the environments they were trained in."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from sb3_bruno.cli.mistake import Mistake, told_as_mistake
+from sb3_bruno.cli.parser import Parser
+from sb3_bruno.cli.upstream import (
+    DEFAULTS,
+    Arguments,
+    Chosen,
+    asks_for_help,
+    call,
+    choose_env,
+    own_parser,
+    replaced,
+    run_script,
+)
+from sb3_bruno.cli.values import whole_number
+
+
+def enjoy(arguments: Arguments) -> None:
+    """Watch a trained agent, as rl_zoo3 does.
+
+    example: sb3-bruno enjoy --algo bruno_sac --env CheetahDir-v0 -f logs -n 400
+    """
+    wants_help = asks_for_help(own_parser("enjoy", enjoy), arguments)
+
+    import rl_zoo3.enjoy
+
+    from sb3_bruno.zoo.registry import register
+
+    register()
+    if wants_help:
+        call(rl_zoo3.enjoy.enjoy, "enjoy", ["--help"])
+    chosen, exists = _as_trained(choose_env(arguments, {**DEFAULTS, "-f": "logs"}))
+    parser = Parser("sb3-bruno enjoy", add_help=False)
+    parser.add_argument("--no-render", action="store_true")
+    renders = not parser.parse_known_args(chosen.rest)[0].no_render
+    if exists and renders and not _has_display():
+        raise Mistake("there is no display here: give --no-render, or make a video by `sb3-bruno record-video`")
+    call(rl_zoo3.enjoy.enjoy, "enjoy", chosen.command)
+
+
+def record_video(arguments: Arguments) -> None:
+    """Record a video of a trained agent, as rl_zoo3 does. On a machine without a display set MUJOCO_GL=egl.
+
+    example: sb3-bruno record-video --algo bruno_sac --env CheetahDir-v0 -f logs -n 400
+    """
+    wants_help = asks_for_help(own_parser("record-video", record_video), arguments)
+
+    from sb3_bruno.zoo.registry import register
+
+    register()
+    if wants_help:
+        call(_rl_zoo3_record_video, "record-video", ["--help"])
+    chosen, _ = _as_trained(choose_env(arguments, {**DEFAULTS, "-f": "logs"}))
+    call(_rl_zoo3_record_video, "record-video", [*chosen.rest, "--env", chosen.env])
+
+
+def _as_trained(chosen: Chosen) -> tuple[Chosen, bool]:
+    """Choose the latest finished run unless one is chosen, and import the packages that it was trained with.
+
+    Returns:
+        What is chosen, and whether there is such a run.
+
+    Raises:
+        Mistake: if all runs are unfinished, a package cannot be imported, or the environment is unknown.
+    """
+    from huggingface_sb3 import EnvironmentName
+
+    from sb3_bruno.runs.folder import latest_finished
+    from sb3_bruno.zoo.registry import check_registered, import_packages
+    from sb3_bruno.zoo.trained import packages_of_run
+
+    parser = Parser("sb3-bruno", add_help=False, allow_abbrev=False)
+    parser.add_argument("--algo")
+    parser.add_argument("-f", "--folder")
+    parser.add_argument("--exp-id", type=whole_number(0, also=(-1,)), default=0)
+    run, _ = parser.parse_known_args(chosen.rest)
+    with told_as_mistake():
+        exp_id = run.exp_id or latest_finished(Path(run.folder) / run.algo, EnvironmentName(chosen.env))
+        saved = packages_of_run(run.algo, chosen.env, run.folder, exp_id)
+        packages = list(dict.fromkeys([*chosen.packages, *(saved or [])]))
+        import_packages(packages)
+        check_registered(chosen.env)
+    rest = [*chosen.rest, "--exp-id", str(exp_id)]
+    return chosen._replace(packages=packages, rest=rest), saved is not None
+
+
+def _has_display() -> bool:
+    """Say whether a window can open. Without a display, the library that MuJoCo opens one with ends the process."""
+    displays = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
+    return sys.platform != "linux" or any(os.environ.get(name) for name in displays)
+
+
+def _rl_zoo3_record_video() -> None:
+    """Run rl_zoo3's script. It ignores the ``env_kwargs`` of the run's config: put them in."""
+    import rl_zoo3.utils
+
+    make = rl_zoo3.utils.create_test_env
+
+    def make_as_trained(env_id: str, hyperparams: dict[str, Any], env_kwargs: dict[str, Any], **kwargs: Any) -> Any:
+        env_kwargs = {**hyperparams.get("env_kwargs", {}), **env_kwargs}
+        return make(env_id, hyperparams=hyperparams, env_kwargs=env_kwargs, **kwargs)
+
+    with replaced(vars(rl_zoo3.utils), "create_test_env", make_as_trained):
+        run_script("rl_zoo3.record_video")
