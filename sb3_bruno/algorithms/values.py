@@ -135,9 +135,12 @@ def _is_number(value: Any) -> bool:
 
 def _check_train_freq(name: str, value: Any) -> None:
     freq, unit = value if isinstance(value, tuple | list) and len(value) == 2 else (value, "step")
-    check_whole(name, freq, 1)
+    try:
+        check_whole(name, freq, 1)
+    except TypeError:
+        unit = ""
     if unit not in ("step", "episode"):
-        raise ValueError(f"`{name}={value!r}` is unknown: give a number, or (a number, 'step' or 'episode').")
+        raise ValueError(f"`{name}={value!r}` is unknown: give a whole number, or (a number, 'step' or 'episode').")
 
 
 def _check_coefficient(name: str, value: Any) -> None:

@@ -27,7 +27,7 @@ SMALL = {"policy_kwargs": {"net_arch": [8]}, "buffer_size": 100}
         ({"learning_starts": -1}, ValueError),
         ({"learning_starts": [100]}, TypeError),
         ({"train_freq": 0}, ValueError),
-        ({"train_freq": "1"}, TypeError),
+        ({"train_freq": "1"}, ValueError),
         ({"train_freq": (1, "steps")}, ValueError),
         ({"n_steps": 0}, ValueError),
         ({"stats_window_size": 0}, ValueError),

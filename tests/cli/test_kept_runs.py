@@ -87,3 +87,22 @@ def test_a_video_is_of_the_environment_that_was_trained_in(run, tmp_path, conf):
     run("train", "--algo", "sac", "--env", "PointDir-v0", "-conf", conf, "-n", 64, "--eval-freq", -1)
     assert run("record-video", "--algo", "sac", "--env", "PointDir-v0", "-n", 5)[1] == ""
     assert list((tmp_path / "logs" / "sac" / "PointDir-v0_1" / "videos").glob("*.mp4"))
+
+
+def test_an_agent_whose_training_diverged_is_told_as_that(run, tmp_path):
+    run(*tiny("--eval-freq", -1, steps=64))
+    path = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip"
+    model = BrunoSAC.load(path)
+    next(model.policy.actor.parameters()).data.fill_(float("nan"))
+    model.save(path)
+    mistake = run("evaluate", "--env", "PointDir-v0")[1]
+    assert "PointDir-v0.zip" in mistake and "finite" in mistake and "train it again" in mistake
+    assert "env" not in mistake.replace("sb3-bruno evaluate", "") and "\n" not in mistake
+
+
+def test_a_training_prints_few_lines(run):
+    printed, _ = run(*tiny("--eval-freq", -1, steps=1_200))
+    few = len(printed.splitlines())
+    assert few < 60
+    printed, _ = run(*tiny("--eval-freq", -1, "--log-interval", 4, steps=1_200))
+    assert len(printed.splitlines()) > 2 * few

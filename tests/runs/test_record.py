@@ -47,6 +47,20 @@ def test_a_record_holds_the_curve_and_the_test_and_reads_back(tmp_path: Path) ->
     assert read.rewards.groupby("task", sort=False)["low"].min().to_dict() == {"1_0": -1.0, "0_1": 3.0}
 
 
+def test_of_several_tests_the_longest_counts_or_the_one_that_is_named(tmp_path: Path) -> None:
+    run = run_folder(tmp_path / "run", 3)
+    result = AdaptationResult.load(run / "adaptation.json")
+    for name, horizon, config in (
+        ("adaptation_30_steps", 30, {}),
+        ("adaptation_stochastic", 210, {"deterministic": False}),
+        ("adaptation_of_less_training", 210, {"env_steps": 200}),
+    ):
+        config = {**result.config, **config}
+        AdaptationResult(result.tasks, result.rewards[..., :horizon], config).save(run / f"{name}.json")
+    assert RunRecord.from_run(run).method == "bruno_sac" and RunRecord.from_run(run).measures[-1] == "return_210"
+    assert RunRecord.from_run(run / "adaptation_stochastic.json").method == "bruno_sac (stochastic)"
+
+
 def test_rewards_of_many_tasks_are_kept_together(tmp_path: Path) -> None:
     record = RunRecord.from_run(run_folder(tmp_path / "run", 2, tasks=np.linspace(0, 3, 30)[:, None]))
     assert record.rewards["task"].unique().tolist() == ["all"] and len(record.rewards) == 210
