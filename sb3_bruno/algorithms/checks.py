@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import inspect
-import math
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,20 +15,10 @@ from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.algorithms.arguments import check_names
+from sb3_bruno.algorithms.values import check_ranges
 from sb3_bruno.buffers.task_buffer import TaskReplayBuffer
 from sb3_bruno.encoders import TaskEncoder, find_encoder
 
-_RANGES = {
-    "learning_rate": (0.0, 1e3),
-    "encoder_learning_rate": (0.0, 1e3),
-    "gamma": (0.0, 1.0),
-    "tau": (0.0, 1.0),
-    "ent_coef": (0.0, math.inf),
-    "target_entropy": (-1e9, 1e9),
-    "target_policy_noise": (0.0, math.inf),
-    "target_noise_clip": (0.0, math.inf),
-}
-"""Of the numbers that an algorithm takes: the least and the greatest."""
 WRAP = "wrap the env in `sb3_bruno_envs.MetaTask` and then in `sb3_bruno_envs.TransitionObservation`"
 
 
@@ -50,31 +39,11 @@ def check_algorithm(model: OffPolicyAlgorithm) -> None:
             f"`replay_buffer_class={buffer_class.__name__}` is not supported: transitions must be grouped by task. "
             "Leave it out, or subclass `TaskReplayBuffer`. A goal that is relabelled (HER) is no hidden task."
         )
-    _check_hyperparameters(model)
+    check_ranges(vars(model))
     filled = {"buffer_size", "observation_space", "action_space", "device", "n_envs", "optimize_memory_usage"}
     check_names("replay_buffer_kwargs", model.replay_buffer_kwargs, buffer_class, filled)
     _check_loaded(model)
     _check_spaces(model.observation_space, model.action_space)
-
-
-def _check_hyperparameters(model: OffPolicyAlgorithm) -> None:
-    """Refuse numbers that are NaN or out of the range in which training makes sense."""
-    for name, value in _numbers(vars(model)):
-        if math.isnan(value):
-            raise ValueError(f"`{name}={value}` is no number: give one.")
-    for name, (low, high) in _RANGES.items():
-        given = vars(model).get(name)
-        if isinstance(given, (int, float)) and not low <= given <= high:
-            raise ValueError(f"`{name}={given}` is out of range: give a number from {low:g} to {high:g}.")
-
-
-def _numbers(arguments: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
-    """Yield floats by name, also those in keyword arguments within."""
-    for name, value in arguments.items():
-        if isinstance(value, (float, np.floating)):
-            yield name, float(value)
-        elif name.endswith("_kwargs") and isinstance(value, Mapping):
-            yield from _numbers(value)
 
 
 def check_encoder_arguments(encoder_class: type[TaskEncoder], encoder_kwargs: Mapping[str, Any] | None) -> None:

@@ -6,12 +6,14 @@ SB3 takes any value at construction, and fails at it in the middle of a training
 from __future__ import annotations
 
 import inspect
+import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from numbers import Real
 from operator import index
-from typing import Any
+from typing import Any, TypeGuard
 
+import numpy as np
 import torch as th
 from stable_baselines3.common.noise import ActionNoise
 from stable_baselines3.common.utils import get_device
@@ -36,6 +38,17 @@ LEAST = {
 WHOLE = {*LEAST, "encoder_batch_size", "encoder_learning_starts"}  # the encoder's have bounds elsewhere
 NUMBERS = {"gamma", "tau", "encoder_tau", "encoder_update_ratio", "target_noise_clip", "target_policy_noise"}
 RATES = {"learning_rate", "encoder_learning_rate"}
+RANGES = {
+    "learning_rate": (0.0, 1e3),
+    "encoder_learning_rate": (0.0, 1e3),
+    "gamma": (0.0, 1.0),
+    "tau": (0.0, 1.0),
+    "ent_coef": (0.0, math.inf),
+    "target_entropy": (-1e9, 1e9),
+    "target_policy_noise": (0.0, math.inf),
+    "target_noise_clip": (0.0, math.inf),
+}
+"""The least and the greatest value of numbers."""
 DICTS = {"encoder_kwargs", "policy_kwargs", "replay_buffer_kwargs"}
 FLAGS = {"optimize_memory_usage", "use_sde", "use_sde_at_warmup"}
 
@@ -85,6 +98,33 @@ def check_whole(name: str, value: Any, least: int | None = None) -> None:
         raise ValueError(f"`{name}={value!r}` is too small: {remedy}")
 
 
+def check_ranges(arguments: Mapping[str, Any]) -> None:
+    """Refuse numbers that are NaN, or out of the range in which training makes sense.
+
+    Args:
+        arguments: of an algorithm, by name; what has no range is only looked at for NaN.
+
+    Raises:
+        ValueError: naming the argument and its value.
+    """
+    for name, value in _floats(arguments):
+        if math.isnan(value):
+            raise ValueError(f"`{name}={value}` is no number: give one.")
+    for name, (low, high) in RANGES.items():
+        given = arguments.get(name)
+        if _is_number(given) and not low <= given <= high:
+            raise ValueError(f"`{name}={given}` is out of range: give a number from {low:g} to {high:g}.")
+
+
+def _floats(arguments: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    """Yield floats by name, also those in keyword arguments within."""
+    for name, value in arguments.items():
+        if isinstance(value, (float, np.floating)):
+            yield name, float(value)
+        elif name.endswith("_kwargs") and isinstance(value, Mapping):
+            yield from _floats(value)
+
+
 def check_policy_kwargs(policy_class: type, given: Mapping[str, Any] | None, inference: Mapping[str, Any]) -> None:
     """Refuse arguments that a policy or its optimiser does not take, and networks that cannot be built.
 
@@ -129,7 +169,7 @@ def _check_net_arch(net_arch: Any) -> None:
             check_whole(name, size, 1)
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
