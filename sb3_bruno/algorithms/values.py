@@ -51,10 +51,11 @@ RANGES = {
 """The least and the greatest value of numbers."""
 DICTS = {"encoder_kwargs", "policy_kwargs", "replay_buffer_kwargs"}
 FLAGS = {"optimize_memory_usage", "use_sde", "use_sde_at_warmup"}
+NEVER_NONE = {*(LEAST.keys() - {"seed"}), "gamma", "tau", "learning_rate"}
 
 
 def check_values(given: Mapping[str, Any]) -> None:
-    """Refuse values that cannot be meant. None stands for a default, and names that are not known are skipped.
+    """Refuse values that cannot be meant. Names that are not known are skipped.
 
     Args:
         given: arguments of an algorithm by name.
@@ -64,7 +65,7 @@ def check_values(given: Mapping[str, Any]) -> None:
         ValueError: if it is out of range.
     """
     for name, value in given.items():
-        if value is None:
+        if value is None and name not in NEVER_NONE:
             continue
         if name in WHOLE:
             check_whole(name, value, LEAST.get(name))
@@ -78,6 +79,28 @@ def check_values(given: Mapping[str, Any]) -> None:
             raise TypeError(f"`{name}={value!r}` is neither True nor False: give one of them.")
         elif name in SPECIAL:
             SPECIAL[name](name, value)
+
+
+def check_kinds(given: Mapping[str, Any] | None, takes: Callable[..., Any]) -> None:
+    """Refuse values of another kind than the defaults of a constructor, where these are numbers, True or False.
+
+    Args:
+        given: arguments by name.
+        takes: the constructor.
+
+    Raises:
+        TypeError: naming argument, value and remedy.
+    """
+    defaults = {name: parameter.default for name, parameter in inspect.signature(takes).parameters.items()}
+    for name, value in (given or {}).items():
+        default = defaults.get(name)
+        if isinstance(default, bool):
+            if not isinstance(value, bool | np.bool_):
+                raise TypeError(f"`{name}={value!r}` is neither True nor False: give one of them.")
+        elif isinstance(default, int) and value is not None:
+            check_whole(name, value)
+        elif isinstance(default, float) and value is not None and not _is_number(value):
+            raise TypeError(f"`{name}={value!r}` is no number: give one, such as {default}.")
 
 
 def check_whole(name: str, value: Any, least: int | None = None) -> None:
@@ -148,6 +171,11 @@ def check_policy_kwargs(policy_class: type, given: Mapping[str, Any] | None, inf
     ]
     check_known("policy_kwargs", given, list(dict.fromkeys(known)))
     optimizer = given.get("optimizer_class", th.optim.Adam)
+    for name, value in (("optimizer_class", optimizer), ("activation_fn", given.get("activation_fn", th.nn.ReLU))):
+        if not callable(value):
+            raise TypeError(f"`{name}={value!r}` is no class: give one of torch's, such as `torch.nn.ReLU`.")
+    if given.get("forget_threshold") is not None and not _is_number(given["forget_threshold"]):
+        raise TypeError(f"`forget_threshold={given['forget_threshold']!r}` is no number: give nats, such as 10.0.")
     check_values({"policy_kwargs": given.get("optimizer_kwargs")})
     check_names("optimizer_kwargs", given.get("optimizer_kwargs"), optimizer, {"params", "lr"})
     _check_net_arch(given.get("net_arch"))
@@ -199,6 +227,11 @@ def _check_action_noise(name: str, value: Any) -> None:
         raise TypeError(f"`{name}={value!r}` is no `ActionNoise`: give one, such as `NormalActionNoise`.")
 
 
+def _check_buffer_class(name: str, value: Any) -> None:
+    if not isinstance(value, type):
+        raise TypeError(f"`{name}={value!r}` is no class: give a subclass of `TaskReplayBuffer`, or leave it out.")
+
+
 def _check_tensorboard_log(name: str, value: Any) -> None:
     if not isinstance(value, str | os.PathLike):
         raise TypeError(f"`{name}={value!r}` is no path: give that of a folder.")
@@ -216,6 +249,7 @@ SPECIAL: dict[str, Callable[[str, Any], None]] = {
     "device": _check_device,
     "ent_coef": _check_coefficient,
     "target_entropy": _check_coefficient,
+    "replay_buffer_class": _check_buffer_class,
     "tensorboard_log": _check_tensorboard_log,
     "train_freq": _check_train_freq,
 }

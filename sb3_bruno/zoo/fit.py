@@ -73,7 +73,7 @@ def check_hyperparameters(algo: str, config: Mapping[str, Any]) -> None:
 
 def _is_evaluated(name: str, value: Any) -> bool:
     """Say whether rl_zoo3 makes something else of a text."""
-    return isinstance(value, str) and name in DICTS | RATES
+    return isinstance(value, str) and name in {*DICTS, *RATES, "replay_buffer_class"}
 
 
 def _check_schedule(name: str, text: str) -> None:

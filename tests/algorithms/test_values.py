@@ -53,6 +53,9 @@ SMALL = {"policy_kwargs": {"net_arch": [8]}, "buffer_size": 100}
         ({"action_noise": 0.1}, TypeError),
         ({"tensorboard_log": 1}, TypeError),
         ({"device": "gpu"}, ValueError),
+        ({"batch_size": None}, TypeError),
+        ({"gamma": None}, TypeError),
+        ({"replay_buffer_class": "TaskReplayBuffer"}, TypeError),
     ],
     ids=str,
 )
@@ -81,6 +84,25 @@ def test_an_argument_is_named_with_its_value_and_a_remedy(given, error):
 def test_what_a_policy_does_not_take_is_named(given, line):
     with pytest.raises((TypeError, ValueError)) as told:
         BrunoSAC("MlpPolicy", POINT, policy_kwargs=given)
+    assert line in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        ({"env": None}, "`env=None` has no observations"),
+        ({"encoder_kwargs": {"extra_dims": "x"}}, "`extra_dims='x'` is no whole number"),
+        ({"encoder_kwargs": {"extra_dims": 0.5}}, "`extra_dims=0.5` is no whole number"),
+        ({"replay_buffer_kwargs": {"sequence_length": "x"}}, "`sequence_length='x'` is no whole number"),
+        ({"policy_kwargs": {"activation_fn": "relu"}}, "`activation_fn='relu'` is no class"),
+        ({"policy_kwargs": {"optimizer_class": "adam"}}, "`optimizer_class='adam'` is no class"),
+        ({"policy_kwargs": {"forget_threshold": "high"}}, "`forget_threshold='high'` is no number"),
+    ],
+    ids=str,
+)
+def test_what_is_inside_an_argument_is_named_too(given, line):
+    with pytest.raises((TypeError, ValueError)) as told:
+        BrunoSAC("MlpPolicy", **{"env": POINT, **given})
     assert line in str(told.value)
 
 

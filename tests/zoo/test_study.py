@@ -50,7 +50,11 @@ def test_a_name_that_no_storage_can_keep_is_refused_and_makes_no_file(name, fold
     assert list(folder.iterdir()) == []
 
 
-@pytest.mark.parametrize("value", [dict, {1, 2}, {"a": {1: 2}}, float("nan"), [object()], b"x", {(1, 2): 3}], ids=str)
+@pytest.mark.parametrize(
+    "value",
+    [dict, {1, 2}, {"a": {1: 2}}, float("nan"), [object()], b"x", {(1, 2): 3}],
+    ids=lambda value: type(value).__name__,
+)
 def test_a_value_that_json_cannot_hold_makes_no_study(value, folder):
     with pytest.raises(ValueError, match=r"policy_kwargs=.* cannot be stored as JSON"):
         create_study("x.log", "s", {**SETTINGS_OF_A_STUDY, "config": {"policy_kwargs": value}})
