@@ -30,7 +30,7 @@ from sb3_bruno.algorithms.checks import (
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.algorithms.rehearsal import warn_of_task_without_effect
 from sb3_bruno.algorithms.saving import Saving
-from sb3_bruno.algorithms.values import check_kinds, check_policy_kwargs, check_values
+from sb3_bruno.algorithms.values import check_env, check_kinds, check_policy_kwargs, check_values
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.buffers.extended_obs import CriticInput
 from sb3_bruno.encoders import TaskEncoder, find_encoder
@@ -101,8 +101,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         check_encoder_arguments(find_encoder(encoder_class), encoder_kwargs)
         check_kinds(encoder_kwargs, find_encoder(encoder_class))
         check_kinds(kwargs.get("replay_buffer_kwargs"), TaskReplayBuffer)
-        if env is None and kwargs.get("_init_setup_model", True):  # as ``load`` has it
-            raise ValueError("`env=None` has no observations to learn from: give an env, or the id of one.")
+        check_env(env, is_loading=not kwargs.get("_init_setup_model", True))
         self.encoder_learning_rate = encoder_learning_rate
         self.encoder_batch_size = encoder_batch_size
         self.encoder_update_ratio = encoder_update_ratio

@@ -81,6 +81,16 @@ def check_values(given: Mapping[str, Any]) -> None:
             SPECIAL[name](name, value)
 
 
+def check_env(env: object, *, is_loading: bool) -> None:
+    """Refuse to begin without an env. ``load`` may have none.
+
+    Raises:
+        ValueError: if there is none.
+    """
+    if env is None and not is_loading:
+        raise ValueError("`env=None` has no observations to learn from: give an env, or the id of one.")
+
+
 def check_kinds(given: Mapping[str, Any] | None, takes: Callable[..., Any]) -> None:
     """Refuse values of another kind than the defaults of a constructor, where these are numbers, True or False.
 

@@ -18,10 +18,10 @@ import yaml
 from optuna.exceptions import StorageInternalError
 from optuna.trial import TrialState
 from rl_zoo3.hyperparams_opt import HYPERPARAMS_SAMPLER
-from rl_zoo3.utils import StoreDict
 from sqlalchemy.exc import SQLAlchemyError
 
 from sb3_bruno.cli.mistake import Mistake, told_as_mistake
+from sb3_bruno.cli.params import StoreParams
 from sb3_bruno.cli.parser import add_gym_packages, command_parser
 from sb3_bruno.cli.trial_bar import trial_bar
 from sb3_bruno.cli.values import at_least_one
@@ -60,24 +60,6 @@ def sweep(arguments: list[str]) -> None:
             raise Mistake(f"{flag if '=' in flag else f'{flag} {value}'.strip()}: {ELSEWHERE[name]}, so leave it out")
     options = _parser().parse_args(arguments)
     options.command(options)
-
-
-class StoreParams(StoreDict):
-    """Parse ``-params``, whose values are Python."""
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option_string: Any = None
-    ) -> None:
-        """Evaluate the values as rl_zoo3 does.
-
-        Raises:
-            Mistake: if one cannot be evaluated.
-        """
-        try:
-            super().__call__(parser, namespace, values, option_string)  # type: ignore[no-untyped-call]  # rl_zoo3's
-        except Exception as error:  # Python may raise anything
-            given = f"{option_string} {' '.join(values)}"
-            raise Mistake(f"{given}: {in_one_line(error)}: give NAME:VALUE, a VALUE that is text in quotes") from error
 
 
 def init(options: argparse.Namespace) -> None:
