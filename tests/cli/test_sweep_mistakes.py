@@ -68,11 +68,11 @@ def test_where_nothing_can_be_saved_is_one_line(folder):
 @pytest.mark.parametrize(
     ("params", "line"),
     [
-        ("learning_rate:high", "-params learning_rate:high: NameError: name 'high' is not defined: give NAME:VALUE"),
-        ("foo", "-params foo: SyntaxError: invalid syntax .*: give NAME:VALUE"),
+        ("learning_rate:high", "learning_rate.*high"),
+        ("foo", "-params foo: give NAME:VALUE"),
         ("gamma:1/0", "-params gamma:1/0: ZeroDivisionError"),
-        ("n_envs:0", "n_envs=0 is not a positive integer: give at least 1"),
-        ("n_envs:2.5", "n_envs=2.5 is not a positive integer"),
+        ("n_envs:0", "n_envs=0` is too small: give a whole number of 1 or more"),
+        ("n_envs:2.5", "n_envs=2.5` is no whole number"),
         ("policy_kwargs:{1:2}", r"policy_kwargs=\{.*1: 2\} cannot be stored as JSON, which would make it"),
         ("gamma:float('nan')", "gamma=nan cannot be stored as JSON"),
         ("policy_kwargs:\"open('x')\"", "policy_kwargs=\"open\\('x'\\)\" is more than plain values, dict"),
@@ -119,7 +119,7 @@ def test_a_seed_that_a_trial_cannot_have_is_one_line(seed, folder):
 
 def test_an_entry_of_a_config_that_is_no_mapping_is_one_line(folder):
     (folder / "my.yml").write_text("PointDir-v0: 3\n")
-    with pytest.raises(SystemExit, match=r"my.yml has no PointDir-v0: give another file by -conf"):
+    with pytest.raises(SystemExit, match=r"-conf my.yml holds no hyperparameters of PointDir-v0"):
         main([*INIT, "-conf", "my.yml"])
 
 
