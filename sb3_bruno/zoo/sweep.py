@@ -67,13 +67,7 @@ class SweepExperiment(TaskExperiment):
         return super().create_envs(n_envs, eval_env, no_log=True)
 
     def check(self) -> None:
-        """Make a model once, so that a mistake shows before any worker starts.
-
-        Raises:
-            ValueError: if ``n_envs`` is not a positive integer. What the algorithm raises is raised as it is.
-        """
-        if not isinstance(self.n_envs, int) or self.n_envs < 1:
-            raise ValueError(f"n_envs={self.n_envs!r} is not a positive integer: give at least 1")
+        """Make a model once, so that a mistake shows before any worker starts. What it raises is raised as it is."""
         env = self.create_envs(1)
         try:
             rl_zoo3.ALGOS[self.algo](env=env, device="cpu", **self._hyperparams)
