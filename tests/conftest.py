@@ -1,11 +1,17 @@
 """Settings that every test shares, and the command line."""
 
+import signal
+
 import pytest
 import torch as th
 from hypothesis import settings
 
 # Small networks are fastest on one thread, and pytest-xdist uses the other cores.
 th.set_num_threads(1)
+
+# A script that starts the tests in the background has Ctrl-C ignored, also in the processes that they start.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The same examples on every run, however slow the machine.
 settings.register_profile("sb3_bruno", deadline=None, derandomize=True, max_examples=50)

@@ -49,6 +49,7 @@ class Faulty(gym.Wrapper):
         return observation, reward, terminated, truncated, info
 
 
+@pytest.mark.filterwarnings("ignore:The tasks of")  # which come to the fault, too, before training does
 @pytest.mark.parametrize("algorithm", ALGORITHMS, ids=lambda algorithm: algorithm.__name__)
 @pytest.mark.parametrize(("kind", "number"), [("reward", np.nan), ("observation", np.inf), ("task", np.nan)])
 def test_a_bad_number_ends_training_before_it_gets_anywhere(algorithm, kind, number):
