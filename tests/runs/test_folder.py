@@ -14,10 +14,13 @@ def in_child(act):
     read, write = os.pipe()
     child = os.fork()
     if child == 0:
-        held = act()  # noqa: F841  # a lock that nobody holds would be let go
-        os.write(write, b".")
-        while True:
-            time.sleep(0.01)
+        try:
+            held = act()  # noqa: F841  # a lock that nobody holds would be let go
+            os.write(write, b".")
+            while True:
+                time.sleep(0.01)
+        finally:
+            os._exit(1)  # after an error, too: the child must not go on with the parent's tests
     os.read(read, 1)
     return child
 
