@@ -159,7 +159,7 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Step the environment; the info of an episode's last step still names that episode's task."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        if self._when == "after_reset" and "final_observation" in info:  # Trial has reset the environment
+        if self._when == "after_reset" and "trial_final_observation" in info:  # Trial has reset the environment
             observation = self._apply_late(observation)
         return observation, reward, terminated, truncated, self._with_task(info)
 

@@ -134,6 +134,22 @@ def test_the_task_is_applied_again_when_a_trial_resets():
         assert env.unwrapped.goal == np.float32(0.9)
 
 
+class Reporting(gym.Wrapper):
+    """Reports where each step led, by a key that is no trial's."""
+
+    def step(self, action):
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return observation, reward, terminated, truncated, {**info, "final_observation": observation}
+
+
+def test_the_task_is_not_applied_again_in_mid_episode_for_a_foreign_key():
+    got = []
+    env = MetaTask(Reporting(OwnGoalEnv()), lambda env, task: got.append(task), GOALS, when="after_reset")
+    env.reset(seed=0)
+    env.step(np.zeros(1))
+    assert len(got) == 1
+
+
 def test_apply_task_gets_the_wrappers_on_demand_and_the_bare_environment_else():
     got = []
     inner = TransformReward(PointDirEnv(), abs)

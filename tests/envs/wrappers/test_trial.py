@@ -114,7 +114,7 @@ def test_the_dict_marks_the_start_and_keeps_what_was_last_done_and_earned():
         observation, reward, _, truncated, info = env.step(action)
         inner_end = step in (5, 10)
         assert ("trial_final_observation" in info) == inner_end
-        assert observation["episode_start"].tolist() == [float(inner_end)]
+        assert observation["episode_start"].tolist() == [0.5 * inner_end]
         assert observation["action"].tolist() == [0.5, -0.25]
         assert observation["reward"].tolist() == [np.float32(reward)]
         assert truncated == (step == 15)
