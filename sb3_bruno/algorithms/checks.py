@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import warnings
 from collections.abc import Mapping
 from typing import Any
@@ -34,16 +35,28 @@ def check_algorithm(model: OffPolicyAlgorithm) -> None:
             "Use `n_steps=1`."
         )
     buffer_class = model.replay_buffer_class or TaskReplayBuffer
-    if not issubclass(buffer_class, TaskReplayBuffer):
+    if not (isinstance(buffer_class, type) and issubclass(buffer_class, TaskReplayBuffer)):
+        name = getattr(buffer_class, "__name__", repr(buffer_class))
         raise ValueError(
-            f"`replay_buffer_class={buffer_class.__name__}` is not supported: transitions must be grouped by task. "
+            f"`replay_buffer_class={name}` is not supported: transitions must be grouped by task. "
             "Leave it out, or subclass `TaskReplayBuffer`. A goal that is relabelled (HER) is no hidden task."
         )
     check_ranges(vars(model))
+    _check_quantiles(model)
     filled = {"buffer_size", "observation_space", "action_space", "device", "n_envs", "optimize_memory_usage"}
     check_names("replay_buffer_kwargs", model.replay_buffer_kwargs, buffer_class, filled)
     _check_loaded(model)
     _check_spaces(model.observation_space, model.action_space)
+
+
+def _check_quantiles(model: OffPolicyAlgorithm) -> None:
+    """Refuse to drop all quantiles of a critic."""
+    dropped, n_quantiles = vars(model).get("top_quantiles_to_drop_per_net"), model.policy_kwargs.get("n_quantiles", 25)
+    if dropped is not None and dropped >= n_quantiles:
+        raise ValueError(
+            f"`top_quantiles_to_drop_per_net={dropped}` leaves none of the {n_quantiles} quantiles of a critic: give "
+            "less, or more quantiles by `policy_kwargs=dict(n_quantiles=...)`."
+        )
 
 
 def check_encoder_arguments(encoder_class: type[TaskEncoder], encoder_kwargs: Mapping[str, Any] | None) -> None:
@@ -82,8 +95,8 @@ def check_encoder_updates(encoder: TaskEncoder, updates: Mapping[str, float | No
             )
         if name == "encoder_batch_size" and not value >= 1:
             raise ValueError(f"`{name}` must be at least 1, got {value}.")
-        if not value >= 0:
-            raise ValueError(f"`{name}` must not be negative, got {value}.")
+        if not 0 <= value < math.inf:
+            raise ValueError(f"`{name}` must be finite and not be negative, got {value}.")
 
 
 def check_buffer(buffer: ReplayBuffer | None, model: OffPolicyAlgorithm, encoder: TaskEncoder) -> None:

@@ -25,10 +25,15 @@ LEAST = {
     "buffer_size": 1,
     "gradient_steps": -1,
     "learning_starts": 0,
+    "n_critics": 1,
+    "n_quantiles": 1,
+    "n_recent": 1,
+    "n_sequences": 1,
     "n_steps": 1,
     "policy_delay": 1,
     "sde_sample_freq": -1,
     "seed": 0,
+    "sequence_length": 1,
     "stats_window_size": 1,
     "target_update_interval": 1,
     "top_quantiles_to_drop_per_net": 0,
@@ -36,21 +41,31 @@ LEAST = {
 }
 """The least value of arguments that count something."""
 WHOLE = {*LEAST, "encoder_batch_size", "encoder_learning_starts"}  # the encoder's have bounds elsewhere
-NUMBERS = {"gamma", "tau", "encoder_tau", "encoder_update_ratio", "target_noise_clip", "target_policy_noise"}
+NUMBERS = {
+    "clip_mean",
+    "encoder_tau",
+    "encoder_update_ratio",
+    "forget_threshold",
+    "gamma",
+    "log_std_init",
+    "target_noise_clip",
+    "target_policy_noise",
+    "tau",
+}
 RATES = {"learning_rate", "encoder_learning_rate"}
 RANGES = {
     "learning_rate": (0.0, 1e3),
     "encoder_learning_rate": (0.0, 1e3),
     "gamma": (0.0, 1.0),
     "tau": (0.0, 1.0),
-    "ent_coef": (0.0, math.inf),
+    "ent_coef": (0.0, 1e9),
     "target_entropy": (-1e9, 1e9),
     "target_policy_noise": (0.0, math.inf),
     "target_noise_clip": (0.0, math.inf),
 }
 """The least and the greatest value of numbers."""
 DICTS = {"encoder_kwargs", "policy_kwargs", "replay_buffer_kwargs"}
-FLAGS = {"optimize_memory_usage", "use_sde", "use_sde_at_warmup"}
+FLAGS = {"handle_timeout_termination", "optimize_memory_usage", "use_expln", "use_sde", "use_sde_at_warmup"}
 NEVER_NONE = {*(LEAST.keys() - {"seed"}), "gamma", "tau", "learning_rate"}
 
 
@@ -92,7 +107,7 @@ def check_env(env: object, *, is_loading: bool) -> None:
 
 
 def check_kinds(given: Mapping[str, Any] | None, takes: Callable[..., Any]) -> None:
-    """Refuse values of another kind than the defaults of a constructor, where these are numbers, True or False.
+    """Refuse None, and values of another kind than numbers, True or False, where the default of a constructor is one.
 
     Args:
         given: arguments by name.
@@ -104,12 +119,16 @@ def check_kinds(given: Mapping[str, Any] | None, takes: Callable[..., Any]) -> N
     defaults = {name: parameter.default for name, parameter in inspect.signature(takes).parameters.items()}
     for name, value in (given or {}).items():
         default = defaults.get(name)
+        if value is None and default is inspect.Parameter.empty:
+            raise TypeError(f"`{name}=None` is no value of it: give one.")
+        if value is None and default is not None:
+            raise TypeError(f"`{name}=None` is no value of it: leave it out for {default!r}.")
         if isinstance(default, bool):
             if not isinstance(value, bool | np.bool_):
                 raise TypeError(f"`{name}={value!r}` is neither True nor False: give one of them.")
-        elif isinstance(default, int) and value is not None:
+        elif isinstance(default, int):
             check_whole(name, value)
-        elif isinstance(default, float) and value is not None and not _is_number(value):
+        elif isinstance(default, float) and not _is_number(value):
             raise TypeError(f"`{name}={value!r}` is no number: give one, such as {default}.")
 
 
@@ -154,7 +173,7 @@ def _floats(arguments: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
     for name, value in arguments.items():
         if isinstance(value, (float, np.floating)):
             yield name, float(value)
-        elif name.endswith("_kwargs") and isinstance(value, Mapping):
+        elif str(name).endswith("_kwargs") and isinstance(value, Mapping):
             yield from _floats(value)
 
 
@@ -180,21 +199,22 @@ def check_policy_kwargs(policy_class: type, given: Mapping[str, Any] | None, inf
         if name not in own
     ]
     check_known("policy_kwargs", given, list(dict.fromkeys(known)))
+    if "use_sde" in given:  # SB3 would overwrite it
+        raise ValueError("`policy_kwargs` has ['use_sde']: pass `use_sde=...` to the algorithm itself.")
+    check_values(given)
     optimizer = given.get("optimizer_class", th.optim.Adam)
     for name, value in (("optimizer_class", optimizer), ("activation_fn", given.get("activation_fn", th.nn.ReLU))):
         if not callable(value):
             raise TypeError(f"`{name}={value!r}` is no class: give one of torch's, such as `torch.nn.ReLU`.")
-    if given.get("forget_threshold") is not None and not _is_number(given["forget_threshold"]):
-        raise TypeError(f"`forget_threshold={given['forget_threshold']!r}` is no number: give nats, such as 10.0.")
     check_values({"policy_kwargs": given.get("optimizer_kwargs")})
     check_names("optimizer_kwargs", given.get("optimizer_kwargs"), optimizer, {"params", "lr"})
     _check_net_arch(given.get("net_arch"))
-    if "n_critics" in given:
-        check_whole("n_critics", given["n_critics"], 1)
 
 
 def _check_net_arch(net_arch: Any) -> None:
     nets = {"": net_arch} if not isinstance(net_arch, Mapping) else net_arch
+    if isinstance(net_arch, Mapping) and len(nets) < 2:
+        raise ValueError(f"`net_arch={net_arch!r}` lacks a net: give the layers of the actor, 'pi', and critics, 'qf'.")
     for key, sizes in nets.items():
         name = f"net_arch[{key!r}]" if key else "net_arch"
         if isinstance(net_arch, Mapping) and key not in ("pi", "qf"):
@@ -225,7 +245,7 @@ def _check_coefficient(name: str, value: Any) -> None:
     kinds = "a number or 'auto'" if name == "target_entropy" else "a number, 'auto' or 'auto_0.1'"
     first = str(value).removeprefix("auto_") if name == "ent_coef" and str(value).startswith("auto_") else None
     try:
-        known = _is_number(value) or value == "auto" or (first is not None and float(first) > 0)
+        known = _is_number(value) or value == "auto" or (first is not None and 0 < float(first) < math.inf)
     except ValueError:
         known = False
     if not known:

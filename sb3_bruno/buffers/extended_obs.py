@@ -52,7 +52,7 @@ class ExtendedObs:
             "belief": [slice(0, self.belief.stop)],
             "both": [slice(0, self.dim)],
         }
-        if critic_input not in slices:
+        if critic_input not in list(slices):  # which may be of a kind without a hash
             raise ValueError(f"`critic_input` must be 'task', 'belief' or 'both', got {critic_input!r}.")
         return slices[critic_input]
 

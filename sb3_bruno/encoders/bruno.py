@@ -96,6 +96,8 @@ class BrunoEncoder(TaskEncoder[Any]):
             )
         if not isinstance(n_weights, int) or n_weights < 1:
             raise ValueError(f"`n_weights` must be a positive integer, got {n_weights!r}.")
+        if isinstance(net_arch, int | str) or not all(isinstance(size, int) and size >= 1 for size in net_arch):
+            raise ValueError(f"`net_arch` must hold the size of each layer, such as (128, 128), got {net_arch!r}.")
         if isinstance(flow_class, str) and flow_class not in FLOWS:
             raise ValueError(f"`flow_class={flow_class!r}` is unknown: give one of {sorted(FLOWS)} or a zuko flow.")
         if condition_on_next and modelled == "next_observations":

@@ -56,6 +56,9 @@ SMALL = {"policy_kwargs": {"net_arch": [8]}, "buffer_size": 100}
         ({"batch_size": None}, TypeError),
         ({"gamma": None}, TypeError),
         ({"replay_buffer_class": "TaskReplayBuffer"}, TypeError),
+        ({"learning_rate": None}, TypeError),
+        ({"stats_window_size": None}, TypeError),
+        ({"ent_coef": "auto_inf"}, ValueError),
     ],
     ids=str,
 )
@@ -64,6 +67,32 @@ def test_an_argument_is_named_with_its_value_and_a_remedy(given, error):
     with pytest.raises(error) as told:
         BrunoSAC("MlpPolicy", POINT, **given)
     assert str(told.value).startswith(f"`{name}={value!r}` is ") and ": give " in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        ({"replay_buffer_kwargs": {"n_sequences": 1.5}}, "`n_sequences=1.5` is no whole number"),
+        ({"replay_buffer_kwargs": {"n_recent": "a"}}, "`n_recent='a'` is no whole number"),
+        ({"replay_buffer_kwargs": {"sequence_length": None}}, "`sequence_length=None` is no value of it"),
+        (
+            {"replay_buffer_kwargs": {"handle_timeout_termination": "no"}},
+            "`handle_timeout_termination='no'` is neither",
+        ),
+        ({"replay_buffer_kwargs": {3: 4}}, "`replay_buffer_kwargs` has no `3`"),
+        ({"replay_buffer_class": "TaskReplayBuffer"}, "`replay_buffer_class='TaskReplayBuffer'` is no class"),
+        ({"encoder_kwargs": {"n_weights": None}}, "`n_weights=None` is no value of it: leave it out for "),
+        ({"encoder_kwargs": {"net_arch": 3}}, "`net_arch` must hold the size of each layer"),
+        ({"encoder_kwargs": {"net_arch": (8, 0)}}, "`net_arch` must hold the size of each layer"),
+        ({"encoder_update_ratio": np.inf}, "`encoder_update_ratio` must be finite"),
+        ({"critic_input": ["task"]}, "`critic_input` must be 'task', 'belief' or 'both'"),
+    ],
+    ids=str,
+)
+def test_what_would_fail_later_or_be_taken_for_something_else_is_refused(given, line):
+    with pytest.raises((TypeError, ValueError)) as told:
+        BrunoSAC(**{"policy": "MlpPolicy", "env": POINT, **SMALL, **given})
+    assert line in str(told.value)
 
 
 @pytest.mark.parametrize(
@@ -78,6 +107,12 @@ def test_an_argument_is_named_with_its_value_and_a_remedy(given, error):
         ({"net_arch": [0]}, "`net_arch=0` is too small"),
         ({"net_arch": {"pi": [8], "vf": [8]}}, "`net_arch['vf']` is unknown"),
         ({"n_critics": 0}, "`n_critics=0` is too small"),
+        ({"net_arch": {"pi": [8]}}, "`net_arch={'pi': [8]}` lacks a net"),
+        ({"use_sde": True}, "pass `use_sde=...` to the algorithm itself"),
+        ({"activation_fn": "relu"}, "`activation_fn='relu'` is no class"),
+        ({"optimizer_class": "adam"}, "`optimizer_class='adam'` is no class"),
+        ({"log_std_init": "low"}, "`log_std_init='low'` is no number"),
+        ({"forget_threshold": "a"}, "`forget_threshold='a'` is no number"),
     ],
     ids=str,
 )
@@ -113,6 +148,10 @@ def test_siblings_refuse_values_of_their_own():
         BrunoTD3("MlpPolicy", POINT, target_policy_noise="loud")
     with pytest.raises(ValueError, match="top_quantiles_to_drop_per_net=-1"):
         BrunoTQC("MlpPolicy", POINT, top_quantiles_to_drop_per_net=-1)
+    with pytest.raises(ValueError, match="top_quantiles_to_drop_per_net=25` leaves none of the 25 quantiles"):
+        BrunoTQC("MlpPolicy", POINT, **SMALL, top_quantiles_to_drop_per_net=25)
+    with pytest.raises(TypeError, match="`hidden_size='8'` is no whole number"):
+        RecurrentSAC("MlpPolicy", POINT, **SMALL, encoder_kwargs={"hidden_size": "8"})
     with pytest.raises(TypeError, match="encoder_kwargs=3"):
         RecurrentSAC("MlpPolicy", POINT, encoder_kwargs=3)
     with pytest.raises(ValueError, match="`policy_kwargs` has no `n_quantile`: did you mean `n_quantiles`"):
