@@ -10,7 +10,7 @@ import numpy as np
 import torch as th
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import Schedule
-from stable_baselines3.common.utils import FloatSchedule, polyak_update, update_learning_rate
+from stable_baselines3.common.utils import FloatSchedule, configure_logger, polyak_update, update_learning_rate
 from torch import Tensor
 
 from sb3_bruno.algorithms.carried import Carried
@@ -78,6 +78,8 @@ class EncoderTraining(OffPolicyAlgorithm):
         It may be called without ``learn``, on a replay buffer that was loaded: then the encoder is trained too, though
         the model has taken no steps.
         """
+        if not hasattr(self, "_logger"):  # which ``learn`` makes
+            self._logger = configure_logger(self.verbose)
         if self.encoder.learns_from != "own":
             self._train_with_encoder(gradient_steps, batch_size)
             return

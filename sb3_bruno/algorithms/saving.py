@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import io
 import pathlib
+import pickle
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
@@ -13,8 +14,10 @@ from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.type_aliases import GymEnv, TensorDict
 from torch import Tensor
 
+from sb3_bruno.algorithms.arguments import check_names
 from sb3_bruno.algorithms.checks import check_family
 from sb3_bruno.algorithms.encoder_training import EncoderTraining
+from sb3_bruno.algorithms.values import check_none, check_values
 
 SelfSaving = TypeVar("SelfSaving", bound="Saving")
 
@@ -52,15 +55,20 @@ class Saving(EncoderTraining):
         """Load as in SB3. ``truncate_last_traj`` begins new episodes, without it the buffer's own go on.
 
         Raises:
-            ValueError: if it cannot serve: ``check_buffer``.
+            ValueError: if it cannot serve: ``check_buffer``; or the file is no buffer, or not a whole one.
         """
         before = self.replay_buffer
         try:
             super().load_replay_buffer(path, truncate_last_traj)
             check_family(self.replay_buffer, self.env)
             self.bind_buffer()
-        except Exception:
+        except Exception as error:
             self.replay_buffer = before
+            if isinstance(error, EOFError | pickle.UnpicklingError | AssertionError):
+                raise ValueError(
+                    f"`path={str(path)!r}` holds no replay buffer: it was cut short, or `save_replay_buffer` did not "
+                    "write it. Give another file."
+                ) from error
             raise
         if truncate_last_traj:
             self._last_obs = None
@@ -100,11 +108,28 @@ class Saving(EncoderTraining):
     ) -> SelfSaving:
         """Load as in SB3.
 
+        Args:
+            path: where ``save`` put it.
+            env: the env; None for an agent that only acts.
+            device: as in SB3.
+            custom_objects: as in SB3.
+            print_system_info: as in SB3.
+            force_reset: as in SB3.
+            **kwargs: arguments of the constructor that shall have another value than they were saved with.
+
         Raises:
-            ValueError: if another algorithm saved the agent, or a number of it is not finite.
+            TypeError: if an argument has a wrong name, or a value of a wrong kind.
+            ValueError: if another algorithm saved the agent, a number of it is not finite, or the file is not whole.
         """
+        check_names(f"{cls.__name__}.load", kwargs, cls, {"policy", "env"}, TypeError)
+        check_none(kwargs, cls)
+        check_values({**kwargs, "device": device})
         _, parameters, variables = load_from_zip_file(path, device="cpu", load_data=False)
-        _check_finite({**(parameters or {}), **(variables or {})})
+        if not parameters:
+            raise ValueError(
+                f"`path={str(path)!r}` holds no agent: it was cut short, or `save` did not write it. Give another file."
+            )
+        _check_finite({**parameters, **(variables or {})})
         return super().load(path, env, device, custom_objects, print_system_info, force_reset, **kwargs)
 
     def _check_saved_class(self) -> None:

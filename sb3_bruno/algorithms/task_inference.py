@@ -30,7 +30,7 @@ from sb3_bruno.algorithms.checks import (
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.algorithms.rehearsal import warn_of_task_without_effect
 from sb3_bruno.algorithms.saving import Saving
-from sb3_bruno.algorithms.values import check_env, check_kinds, check_policy_kwargs, check_values
+from sb3_bruno.algorithms.values import check_env, check_kinds, check_learning, check_policy_kwargs, check_values
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.buffers.extended_obs import CriticInput
 from sb3_bruno.encoders import TaskEncoder, find_encoder
@@ -231,7 +231,13 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         reset_num_timesteps: bool = True,
         progress_bar: bool = False,
     ) -> SelfTaskInference:
-        """Learn as in SB3. The TensorBoard run is named after the class unless ``tb_log_name`` names it."""
+        """Learn as in SB3. The TensorBoard run is named after the class unless ``tb_log_name`` names it.
+
+        Raises:
+            TypeError: if ``total_timesteps`` or ``log_interval`` is of a wrong kind.
+            ValueError: if one of them is no number to count to, or the env is not ready: ``check_early_resets``.
+        """
+        check_learning(total_timesteps, log_interval)
         return super().learn(
             total_timesteps,
             callback,

@@ -177,6 +177,25 @@ def _floats(arguments: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
             yield from _floats(value)
 
 
+def check_learning(total_timesteps: Any, log_interval: Any) -> None:
+    """Refuse arguments of ``learn`` that would end it at once in silence, or at its first episode's end.
+
+    Raises:
+        TypeError: if one is of a wrong kind.
+        ValueError: if one is a number that cannot be meant.
+    """
+    if not _is_number(total_timesteps):
+        raise TypeError(f"`total_timesteps={total_timesteps!r}` is no number: give that of env steps, such as 10_000.")
+    if math.isnan(total_timesteps):
+        raise ValueError(f"`total_timesteps={total_timesteps!r}` is no number: give that of env steps, such as 10_000.")
+    if log_interval is not None:
+        check_whole("log_interval", log_interval)
+        if log_interval == 0:
+            raise ValueError(
+                "`log_interval=0` is no interval: give a whole number of episodes, or None to log nothing."
+            )
+
+
 def check_policy_kwargs(policy_class: type, given: Mapping[str, Any] | None, inference: Mapping[str, Any]) -> None:
     """Refuse arguments that a policy or its optimiser does not take, and networks that cannot be built.
 

@@ -2,6 +2,8 @@
 
 import copy
 import io
+import pickle
+import re
 
 import numpy as np
 import pytest
@@ -108,4 +110,45 @@ def test_a_buffer_of_another_family_of_equal_sizes_is_refused(trained, tmp_path)
     with pytest.raises(ValueError, match="filled in PointDir-v0, and the env is SparsePointGoal-v0"):
         model.load_replay_buffer(tmp_path / "buffer.pkl")
     assert model.replay_buffer.size() == 0
+    model.learn(50)
+
+
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        ({"learnig_rate": 1e-3}, "`BrunoSAC.load` has no `learnig_rate`: did you mean `learning_rate`"),
+        ({"batch_size": "3"}, "`batch_size='3'` is no whole number"),
+        ({"gamma": None}, "`gamma=None` is no value of it"),
+        ({"device": "tpu"}, "`device='tpu'` is no device"),
+    ],
+    ids=str,
+)
+def test_an_argument_that_would_change_nothing_or_break_the_model_is_refused(trained, given, line):
+    with pytest.raises((TypeError, ValueError), match=re.escape(line)):
+        BrunoSAC.load(saved(trained), **given)
+
+
+def test_files_that_were_cut_short_are_named(trained, tmp_path):
+    trained.save(tmp_path / "model.zip")
+    trained.save_replay_buffer(tmp_path / "buffer.pkl")
+    own = trained.replay_buffer
+    for name, load in (("model.zip", BrunoSAC.load), ("buffer.pkl", trained.load_replay_buffer)):
+        whole = (tmp_path / name).read_bytes()
+        for part in (0, len(whole) // 2):
+            (tmp_path / name).write_bytes(whole[:part])
+            with pytest.raises(ValueError, match=name.split(".")[0]):
+                load(tmp_path / name)
+    (tmp_path / "buffer.pkl").write_bytes(pickle.dumps({"a": 1}))
+    with pytest.raises(ValueError, match=r"buffer.pkl'` holds no replay buffer"):
+        trained.load_replay_buffer(tmp_path / "buffer.pkl")
+    assert trained.replay_buffer is own
+
+
+@pytest.mark.parametrize("algorithm", [BrunoSAC, RecurrentSAC])
+def test_a_loaded_buffer_is_trained_on_without_learn(algorithm, tmp_path):
+    make(algorithm).learn(60).save_replay_buffer(tmp_path / "buffer.pkl")
+    model = make(algorithm)
+    model.load_replay_buffer(tmp_path / "buffer.pkl")
+    model.train(2, 16)
+    assert model._n_updates == 2 and model._n_encoder_updates > 0
     model.learn(50)

@@ -164,3 +164,22 @@ def test_what_sb3_takes_is_taken():
     given |= {"learning_rate": lambda left: 1e-3 * left, "ent_coef": "auto_0.1", "target_entropy": -1, "seed": None}
     check_values({**given, "train_freq": [1, "episode"], "ent_coef": 0.1, "learning_rate": np.float32(1e-3)})
     assert BrunoSAC("MlpPolicy", POINT, **SMALL, **given).gradient_steps == -1
+
+
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        ({"total_timesteps": "100"}, "`total_timesteps='100'` is no number"),
+        ({"total_timesteps": None}, "`total_timesteps=None` is no number"),
+        ({"total_timesteps": np.nan}, "`total_timesteps=nan` is no number"),
+        ({"total_timesteps": 10, "log_interval": 0}, "`log_interval=0` is no interval"),
+        ({"total_timesteps": 10, "log_interval": "a"}, "`log_interval='a'` is no whole number"),
+    ],
+    ids=str,
+)
+def test_learn_refuses_what_it_cannot_count_to(given, line):
+    model = BrunoSAC("MlpPolicy", POINT, **SMALL)
+    with pytest.raises((TypeError, ValueError)) as told:
+        model.learn(**given)
+    assert line in str(told.value)
+    assert model.learn(1e0, log_interval=None).num_timesteps == 1
