@@ -14,7 +14,8 @@ from torch.distributions import Distribution
 
 from sb3_bruno.algorithms.carried import Carried, State
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
-from sb3_bruno.algorithms.reading import read_batch
+from sb3_bruno.algorithms.reading import read_batch, read_numbers
+from sb3_bruno.algorithms.values import check_whole
 from sb3_bruno.buffers.numbers import check_numbers
 from sb3_bruno.buffers.observed import TransitionArrays, normalize, unnormalize
 from sb3_bruno.encoders import HasPosterior, InfersTask, Outcomes, Predicts, Transitions
@@ -59,6 +60,8 @@ class AgentView:
 
     def infer(self, transitions: Transitions) -> TaskBelief:
         """Compute the belief of a sequence of transitions, of shape (..., time, dim). Time 0 gives the prior."""
+        if not isinstance(transitions, tuple | list) or len(transitions) != len(Transitions._fields):
+            raise ValueError(f"`transitions` is no `Transitions({', '.join(Transitions._fields)})`: give these four.")
         observed = self.observe(*transitions)
         if observed.rewards.ndim < 2:
             raise ValueError("`rewards` has shape (1,): give sequences, (..., time, 1), of time 1 for one transition.")
@@ -83,6 +86,8 @@ class AgentView:
     ) -> Outcomes:
         """Draw samples of rewards and next observations after ``actions`` at ``observations``."""
         predictor: Predicts = check_ability(self.encoder, Predicts, "`predict_outcomes`")
+        _check_belief(belief)
+        check_whole("n_samples", n_samples, 1)
         arrivals = observations if next_observations is None else next_observations
         batch = tuple(belief.posterior.mean.shape[:-1])
         here = self.observe(observations, actions, np.zeros((*batch, 1)), arrivals, batch=batch)
@@ -128,20 +133,19 @@ class AgentView:
     ) -> NDArray[np.float32]:
         """Compute the posterior over candidate tasks."""
         encoder: InfersTask = check_ability(self.encoder, InfersTask, "`task_probabilities`")
-        candidates, task_dim = np.asarray(tasks, dtype=np.float32), flatdim(self.policy.task_space)
+        _check_belief(belief)
+        candidates, task_dim = read_numbers("tasks", tasks), flatdim(self.policy.task_space)
         if candidates.ndim != 2 or candidates.shape[1] != task_dim:
             raise ValueError(f"`tasks` has shape {candidates.shape}: give candidates of shape (n, {task_dim}).")
-        if log_prior is not None and np.shape(log_prior) != (len(candidates),):
+        log_weights = np.zeros(len(candidates), np.float32) if log_prior is None else _read_log_prior(log_prior)
+        if log_weights.shape != (len(candidates),):
             raise ValueError(
-                f"`log_prior` has shape {np.shape(log_prior)}: give one for each task, {(len(candidates),)}."
+                f"`log_prior` has shape {log_weights.shape}: give one for each task, {(len(candidates),)}."
             )
-        if log_prior is not None and np.isnan(log_prior).any():
-            raise ValueError(f"`log_prior` is {log_prior}: NaN is no weight, and -inf is that of what cannot be.")
         check_numbers({"tasks": candidates}, lambda index: f"at index {list(index)}")
         with th.no_grad():
             weights = encoder.log_task_likelihood(belief.memory, th.as_tensor(candidates, device=self.policy.device))
-            if log_prior is not None:
-                weights = weights + th.as_tensor(log_prior).to(weights)
+            weights = weights + th.as_tensor(log_weights).to(weights)
             return np.asarray(weights.softmax(dim=-1).float().cpu().numpy())
 
     def _belief(self, memory: AnyMemory) -> TaskBelief:
@@ -159,6 +163,21 @@ class AgentView:
             arrivals = arrivals.reshape(*arrivals.shape[:-1], *shape)
         own_rewards, own_arrivals = unnormalize(rewards, arrivals, self.vec_normalize)
         return Outcomes(_like(samples.rewards, own_rewards), _like(samples.next_observations, own_arrivals))
+
+
+def _check_belief(belief: Any) -> None:
+    if not isinstance(belief, TaskBelief):
+        raise TypeError(f"`belief={belief!r}` is no belief: give what `infer` or `belief` returned.")
+
+
+def _read_log_prior(log_prior: ArrayLike) -> NDArray[np.float32]:
+    """Read logs of prior weights, which say of one task at least that it can be."""
+    log_weights = read_numbers("log_prior", log_prior)
+    if np.isnan(log_weights).any() or (log_weights == np.inf).any() or (log_weights == -np.inf).all():
+        raise ValueError(
+            f"`log_prior` is {log_prior}: NaN and inf are no weights, and -inf, that of what cannot be, is not for all."
+        )
+    return log_weights
 
 
 def _like(samples: th.Tensor | None, own: NDArray[Any]) -> th.Tensor | None:

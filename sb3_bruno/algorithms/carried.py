@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from sb3_bruno.algorithms.forgetting import Suspicion, choose_suspicion, no_suspicion
+from sb3_bruno.algorithms.reading import NUMBER_KINDS
 from sb3_bruno.buffers.transfer import to_device, to_host
 from sb3_bruno.encoders import TaskEncoder
 from sb3_bruno.encoders.base import AnyMemory, choose_memory, map_memory
@@ -46,7 +47,7 @@ class Carried(NamedTuple):
         Raises:
             ValueError: if it is none that ``pack`` can have made with this encoder.
         """
-        if not isinstance(state, (tuple, list)) or not state or any(np.ndim(array) == 0 for array in state):
+        if not isinstance(state, (tuple, list)) or not state or not all(map(_is_array, state)):
             raise ValueError(f"`state` is {state!r}: pass back the state that `predict` returned.")
         n_envs = len(state[0])
         empty = encoder.empty((n_envs,))
@@ -93,3 +94,12 @@ class Carried(NamedTuple):
         if suspicion is not None and other.suspicion is not None:
             suspicion = choose_suspicion(mask, suspicion, other.suspicion)
         return self._replace(memory=choose_memory(mask, self.memory, other.memory), suspicion=suspicion)
+
+
+def _is_array(given: Any) -> bool:
+    """Return whether this is an array of numbers, or can be made one, that has a first dimension."""
+    try:
+        array = np.asarray(given)
+    except ValueError:  # rows of different lengths
+        return False
+    return array.ndim > 0 and array.dtype.kind in NUMBER_KINDS

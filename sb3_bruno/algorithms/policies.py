@@ -260,7 +260,7 @@ class TaskInferencePolicy(BasePolicy):
         """Convert an observation, as in SB3, or an extended one, shape (n_envs, dim) or (dim,).
 
         Raises:
-            ValueError: if an array is not an extended observation.
+            ValueError: if an array is not an extended observation, or holds a number that is not finite.
         """
         if isinstance(observation, dict):
             return super().obs_to_tensor(observation)
@@ -270,4 +270,6 @@ class TaskInferencePolicy(BasePolicy):
                 f"Expected the Dict of `TransitionObservation` or an extended observation of size {self.layout.dim}, "
                 f"got an array of shape {array.shape}: wrap the env in `sb3_bruno_envs.TransitionObservation`."
             )
+        if not isinstance(array, th.Tensor):  # a tensor is ours, of a rollout: its parts were checked
+            check_numbers({"observation": array.reshape(-1, self.layout.dim)}, place_in_env)
         return th.as_tensor(array, device=self.device).reshape(-1, self.layout.dim), array.ndim > 1

@@ -12,6 +12,9 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.utils import is_vectorized_observation
 
+NUMBER_KINDS = "biuf"
+"""Kinds of NumPy's types that are taken for numbers: bool, integers, floats."""
+
 
 def read_observation(observation: Mapping[str, ArrayLike], space: spaces.Dict) -> tuple[dict[str, NDArray[Any]], bool]:
     """Lay an observation of one env or of several out as flat rows.
@@ -20,7 +23,7 @@ def read_observation(observation: Mapping[str, ArrayLike], space: spaces.Dict) -
         Every key of ``space`` as an array (n_envs, dim), and whether the observation was of several envs.
 
     Raises:
-        ValueError: naming a key that is missing or has another shape.
+        ValueError: naming a key that is missing, has another shape or holds no numbers.
     """
     for key in (key for key in space if key not in observation):
         raise ValueError(
@@ -28,6 +31,9 @@ def read_observation(observation: Mapping[str, ArrayLike], space: spaces.Dict) -
             "`sb3_bruno_envs.TransitionObservation` returns, whole."
         )
     arrays = {key: np.asarray(observation[key]) for key in space}
+    for key, array in arrays.items():
+        if array.dtype.kind not in NUMBER_KINDS:
+            raise ValueError(f"The observation's {key!r} is of type {array.dtype}, no array of numbers: give floats.")
     vectorized = is_vectorized_observation(arrays["observation"], space["observation"])
     batch = arrays["observation"].shape[:1] if vectorized else ()
     for key, array in arrays.items():
@@ -64,7 +70,7 @@ def read_batch(
     Raises:
         ValueError: naming an array that does not fit.
     """
-    found = {name: np.asarray(array, dtype=np.float32) for name, array in arrays.items()}
+    found = {name: read_numbers(name, array) for name, array in arrays.items()}
     possible = {name: _batch_shapes(array.shape, shapes[name]) for name, array in found.items()}
     if batch is None:
         counts = Counter(shape for candidates in possible.values() for shape in candidates)
@@ -74,6 +80,19 @@ def read_batch(
             wanted = ", ".join(map(str, (*(batch if any(possible.values()) else ("...",)), math.prod(shapes[name]))))
             raise ValueError(f"`{name}` has shape {array.shape}, expected ({wanted}).")
     return {name: array.reshape(*batch, *shapes[name]) for name, array in found.items()}
+
+
+def read_numbers(name: str, array: ArrayLike) -> NDArray[np.float32]:
+    """Make an array of what a user gave for one.
+
+    Raises:
+        ValueError: naming it, if it holds something else than numbers, or rows of different lengths.
+    """
+    try:
+        with np.errstate(over="ignore"):  # what overflows is refused as infinite
+            return np.asarray(array, dtype=np.float32)
+    except (TypeError, ValueError, RuntimeError) as error:  # the last of a tensor with a graph
+        raise ValueError(f"`{name}` is no array of numbers ({error}): give floats, all rows alike.") from error
 
 
 def _batch_shapes(shape: tuple[int, ...], entry: tuple[int, ...]) -> set[tuple[int, ...]]:

@@ -95,6 +95,8 @@ BAD_STATES = {
     "one entry": lambda state: state[:1],
     "another batch": lambda state: tuple(array[:1] for array in state),
     "a batch of its own": lambda state: (*state[:-1], state[-1][:1]),
+    "words": lambda state: tuple(np.full(array.shape, "a") for array in state),
+    "the pair that predict returned": lambda state: (state[-1], state),
     "NaN": lambda state: (*state[:-1], np.full_like(state[-1], np.nan)),
     "negative counts": lambda state: (-np.abs(state[0]), *state[1:]),
 }
@@ -152,6 +154,28 @@ def test_infer_names_a_bad_number(model, name):
         model.infer(RIGHT._replace(**{name: bad}))
 
 
+@pytest.mark.parametrize("bad", [[["a"]] * 5, [[1.0], [1.0, 2.0]], th.zeros(5, 1, requires_grad=True)], ids=str)
+def test_infer_names_what_is_no_array_of_numbers(model, bad):
+    with pytest.raises(ValueError, match="`rewards` is no array of numbers"):
+        model.infer(RIGHT._replace(rewards=bad))
+
+
+@pytest.mark.parametrize("bad", [None, RIGHT[:3], RIGHT._asdict()], ids=["None", "three", "a dict"])
+def test_infer_wants_transitions(model, bad):
+    with pytest.raises(ValueError, match=r"`transitions` is no `Transitions\(observations, actions"):
+        model.infer(bad)
+
+
+def test_what_is_no_observation_of_numbers_is_refused(model, seen):
+    for bad in (np.full((N_ENVS, 2), "a"), np.full((N_ENVS, 2), None), np.full((N_ENVS, 2), 1j)):
+        with pytest.raises(ValueError, match=r"The observation's 'observation' is of type .*, no array of numbers"):
+            model.predict({**seen, "observation": bad})
+    extended = np.zeros((N_ENVS, model.policy.layout.dim), np.float32)
+    extended[1, 3] = np.nan
+    with pytest.raises(ValueError, match=r"`observation` is nan in env 1, entry \[3\]"):
+        model.predict(extended)
+
+
 def test_infer_wants_sequences(model):
     with pytest.raises(ValueError, match=r"`rewards` has shape \(1,\): give sequences"):
         model.infer(Transitions(*(column[0] for column in RIGHT)))
@@ -169,6 +193,17 @@ def test_outcomes_and_probabilities_name_what_does_not_fit(model):
     for arguments in ({"tasks": [[np.nan, 0.0]]}, {"tasks": [[0.0, 0.0]], "log_prior": [np.nan]}):
         with pytest.raises(ValueError, match=rf"`{list(arguments)[-1]}` is .*nan"):
             model.task_probabilities(belief, **arguments)
+    tasks = np.eye(2)
+    for log_prior in ([-np.inf, -np.inf], [np.inf, 0.0], ["a", "b"], [None, 0.0]):
+        with pytest.raises(ValueError, match="`log_prior` is "):
+            model.task_probabilities(belief, tasks, log_prior)
+    assert model.task_probabilities(belief, tasks, [-np.inf, 0.0]).tolist() == [0.0, 1.0]
+    for n_samples in (0, -1, 1.5, "many"):
+        with pytest.raises((TypeError, ValueError), match=f"`n_samples={n_samples!r}` is "):
+            model.predict_outcomes(belief, np.zeros(2), np.zeros(2), n_samples=n_samples)
+    for ask in (model.predict_outcomes, model.task_probabilities):
+        with pytest.raises(TypeError, match="`belief=None` is no belief: give what `infer` or `belief` returned"):
+            ask(None, np.zeros(2), np.zeros(2))
 
 
 @pytest.mark.parametrize(
