@@ -175,7 +175,7 @@ def _read_log_prior(log_prior: ArrayLike) -> NDArray[np.float32]:
     log_weights = read_numbers("log_prior", log_prior)
     if np.isnan(log_weights).any() or (log_weights == np.inf).any() or (log_weights == -np.inf).all():
         raise ValueError(
-            f"`log_prior` is {log_prior}: NaN and inf are no weights, and -inf, that of what cannot be, is not for all."
+            f"`log_prior` is {log_prior!r}: NaN and inf are no weights, and -inf, of what cannot be, is not for all."
         )
     return log_weights
 

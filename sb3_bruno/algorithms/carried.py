@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from sb3_bruno.algorithms.forgetting import Suspicion, choose_suspicion, no_suspicion
-from sb3_bruno.algorithms.reading import NUMBER_KINDS
+from sb3_bruno.buffers.numbers import NUMBER_KINDS
 from sb3_bruno.buffers.transfer import to_device, to_host
 from sb3_bruno.encoders import TaskEncoder
 from sb3_bruno.encoders.base import AnyMemory, choose_memory, map_memory

@@ -8,7 +8,7 @@ from __future__ import annotations
 import copy
 import warnings
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, SupportsFloat
 
 import numpy as np
 import torch as th
@@ -100,8 +100,8 @@ class TaskInferencePolicy(BasePolicy):
 
     @forget_threshold.setter
     def forget_threshold(self, nats: float | None) -> None:
-        if nats is not None and not nats > 0:
-            raise ValueError(f"`forget_threshold` must be positive nats, got {nats}: None never forgets.")
+        if nats is not None and not (isinstance(nats, SupportsFloat) and nats > 0):
+            raise ValueError(f"`forget_threshold` must be positive nats, got {nats!r}: None never forgets.")
         if nats is not None:
             check_ability(self.encoder, Predicts, f"`forget_threshold={nats}`")
         self._forget_threshold = nats

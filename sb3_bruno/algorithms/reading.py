@@ -12,8 +12,7 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.utils import is_vectorized_observation
 
-NUMBER_KINDS = "biuf"
-"""Kinds of NumPy's types that are taken for numbers: bool, integers, floats."""
+from sb3_bruno.buffers.numbers import NUMBER_KINDS
 
 
 def read_observation(observation: Mapping[str, ArrayLike], space: spaces.Dict) -> tuple[dict[str, NDArray[Any]], bool]:

@@ -106,6 +106,24 @@ def check_env(env: object, *, is_loading: bool) -> None:
         raise ValueError("`env=None` has no observations to learn from: give an env, or the id of one.")
 
 
+def check_none(given: Mapping[str, Any] | None, takes: Callable[..., Any]) -> None:
+    """Refuse None where it does not stand for a default.
+
+    Args:
+        given: arguments by name.
+        takes: the constructor.
+
+    Raises:
+        TypeError: naming the default.
+    """
+    parameters = inspect.signature(takes).parameters
+    for name in (name for name, value in (given or {}).items() if value is None and name in parameters):
+        default = parameters[name].default
+        if default is not None:
+            remedy = "give one." if default is inspect.Parameter.empty else f"leave it out for {default!r}."
+            raise TypeError(f"`{name}=None` is no value of it: {remedy}")
+
+
 def check_kinds(given: Mapping[str, Any] | None, takes: Callable[..., Any]) -> None:
     """Refuse None, and values of another kind than numbers, True or False, where the default of a constructor is one.
 
@@ -116,13 +134,10 @@ def check_kinds(given: Mapping[str, Any] | None, takes: Callable[..., Any]) -> N
     Raises:
         TypeError: naming argument, value and remedy.
     """
+    check_none(given, takes)
     defaults = {name: parameter.default for name, parameter in inspect.signature(takes).parameters.items()}
     for name, value in (given or {}).items():
         default = defaults.get(name)
-        if value is None and default is inspect.Parameter.empty:
-            raise TypeError(f"`{name}=None` is no value of it: give one.")
-        if value is None and default is not None:
-            raise TypeError(f"`{name}=None` is no value of it: leave it out for {default!r}.")
         if isinstance(default, bool):
             if not isinstance(value, bool | np.bool_):
                 raise TypeError(f"`{name}={value!r}` is neither True nor False: give one of them.")

@@ -6,11 +6,35 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 LARGEST = 1e9
 """Largest absolute value that is taken. A gradient is of the size of an input times an error, and Adam squares it:
 (1e9 * 1e9)^2 is a number in float32, a hundred times more is infinite for good."""
+
+
+NUMBER_KINDS = "biuf"
+"""Kinds of NumPy's types that are taken for numbers: bool, integers, floats."""
+
+
+def read_rows(name: str, given: ArrayLike, *shapes: tuple[int, ...]) -> NDArray[Any]:
+    """Make an array of what was given, with a row for each env. NumPy would store a single row for all of them.
+
+    Args:
+        name: of the argument, for the error.
+        given: the rows.
+        *shapes: those that it may have, (n_envs, ...) each.
+
+    Raises:
+        ValueError: if it has another shape, or holds no numbers.
+    """
+    array = np.asarray(given)
+    if array.shape not in shapes or array.dtype.kind not in NUMBER_KINDS:
+        raise ValueError(
+            f"`{name}` is of type {array.dtype} and shape {array.shape}: give numbers of shape {shapes[0]}, a row for "
+            "each env."
+        )
+    return array
 
 
 def check_numbers(arrays: Mapping[str, NDArray[Any]], place: Callable[[tuple[int, ...]], str]) -> None:

@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.buffers.episode_index import EpisodeIndex, Slots
 from sb3_bruno.buffers.long_episodes import EpisodeRows, shortened, whole
-from sb3_bruno.buffers.numbers import check_numbers, place_in_env
+from sb3_bruno.buffers.numbers import check_numbers, place_in_env, read_rows
 from sb3_bruno.buffers.observed import TransitionArrays, normalize
 from sb3_bruno.buffers.task_index import SlotQueue, TaskIndex
 from sb3_bruno.buffers.transfer import to_device
@@ -94,15 +94,20 @@ class TaskRing(ReplayBuffer):
         """Store one transition per environment, or none if one of them is refused.
 
         Raises:
-            ValueError: if an info has no ``"task"``, or one of another size; or if a number is not finite, or so large
-                that what learns from it would not be.
+            ValueError: if an info has no ``"task"``, or one of another size; if an array has another shape; or if a
+                number is not finite, or so large that what learns from it would not be.
         """
-        tasks = self._read_tasks(infos)
-        shown, arrivals = next_obs["observation"], np.array(next_obs["observation"])
+        tasks, rows = self._read_tasks(infos), (self.n_envs, *self.obs_shape)
+        departures = read_rows("obs['observation']", obs["observation"], rows)
+        shown = read_rows("next_obs['observation']", next_obs["observation"], rows)
+        in_shape = (self.n_envs, *(self.action_space.shape or ()))
+        action = read_rows("action", action, (self.n_envs, self.action_dim), in_shape)
+        reward, done = read_rows("reward", reward, (self.n_envs,)), read_rows("done", done, (self.n_envs,))
+        arrivals = np.array(shown)
         inner_ends = [i for i, info in enumerate(infos) if "trial_final_observation" in info]
         for i in inner_ends:
             arrivals[i] = infos[i]["trial_final_observation"]
-        numbers = {"observation": obs["observation"], "action": action, "reward": reward, "task": tasks}
+        numbers = {"observation": departures, "action": action, "reward": reward, "task": tasks}
         check_numbers(numbers | {"next observation": arrivals}, self._place)
         first_slot = self.pos * self.n_envs
         for slot, task in enumerate(tasks, first_slot):
@@ -114,10 +119,12 @@ class TaskRing(ReplayBuffer):
         # Not done, even where the inner episode terminated: the trial goes on from where the next one begins. Unless
         # values flow through its inner ends, nothing is earned by finding out what only later episodes are paid for.
         self._restarts.update({first_slot + i: shown[i].copy() for i in inner_ends})
-        super().add(obs["observation"], arrivals, action, reward, done, infos)
+        super().add(departures, arrivals, action, reward, done, infos)
 
     def _read_tasks(self, infos: list[dict[str, Any]]) -> NDArray[np.float32]:
         """Read the tasks off the infos, (n_envs, task_dim)."""
+        if len(infos) != self.n_envs:
+            raise ValueError(f"`infos` has {len(infos)} entries: give one for each of the {self.n_envs} envs.")
         for i, info in enumerate(infos):
             if "task" not in info:
                 raise ValueError(

@@ -59,3 +59,40 @@ def test_a_task_of_another_size_is_refused():
     stream = Stream().add([1])
     with pytest.raises(ValueError, match=r"The task of env 0 is \[1. 2.\], and others have 1 numbers"):
         stream.add([[1, 2]])
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"obs": {"observation": np.ones((1, 1))}},
+        {"next_obs": {"observation": np.ones((2, 3))}},
+        {"action": np.ones((2, 3))},
+        {"action": np.ones(1)},
+        {"action": [["a"], ["b"]]},
+        {"reward": 0.0},
+        {"reward": np.zeros(1)},
+        {"reward": np.zeros((2, 1))},
+        {"done": np.array(["no", "no"])},
+        {"done": False},
+        {"infos": [{"task": [1.0]}]},
+        {"infos": [{"task": [1.0]}] * 3},
+    ],
+    ids=str,
+)
+def test_what_is_not_of_every_env_is_named_and_nothing_of_it_is_stored(wrong):
+    buffer = Stream(n_envs=2).add([1, 2]).buffer
+    step = {
+        "obs": {"observation": np.ones((2, 1))},
+        "next_obs": {"observation": np.ones((2, 1))},
+        "action": np.ones((2, 1)),
+        "reward": np.zeros(2),
+        "done": np.zeros(2, dtype=bool),
+        "infos": [{"task": [1.0]}, {"task": [2.0]}],
+    }
+    ((name, _),) = wrong.items()
+    with pytest.raises(ValueError, match=rf"`{name}.*` (is of type|has) .*: give .* each"):
+        buffer.add(**{**step, **wrong})
+    assert buffer.pos == 1 and buffer.episodes.lengths.tolist() == [1, 1]
+    assert [len(buffer.tasks.queue_of(slot)) for slot in (0, 1)] == [1, 1]
+    buffer.add(**{**step, "action": [[1.0], [1.0]]})
+    assert buffer.pos == 2
