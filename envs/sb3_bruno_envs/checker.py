@@ -39,6 +39,10 @@ def check_meta_env(env: Env, *, max_steps: int = 1000) -> None:
     Example:
         >>> check_meta_env(gym.make("sb3_bruno_envs:PointDir-v0"))
     """
+    if not isinstance(env, gym.Env):
+        raise ValueError(
+            f"env={env!r} is no Gymnasium environment: give one, such as gym.make(id), not an id or a VecEnv."
+        )
     checks: dict[str, Callable[[], Iterator[str]]] = {
         "its spaces": lambda: _check_spaces(env),
         "its task space": lambda: _check_task_space(env),

@@ -317,3 +317,9 @@ def test_an_inner_episode_that_does_not_say_that_it_starts_is_found_out():
 
     with pytest.raises(ValueError, match=r"step 10, .*\['episode_start'\] is \[0.\] instead of \[0.5\]"):
         check_meta_env(Edit(restart))
+
+
+@pytest.mark.parametrize("wrong", [None, "sb3_bruno_envs:PointDir-v0"])
+def test_what_is_no_environment_is_told_in_one_line(wrong):
+    with pytest.raises(ValueError, match=f"env={wrong!r} is no Gymnasium environment: give one"):
+        check_meta_env(wrong)

@@ -55,7 +55,8 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             task changes: ``env.set_wrapper_attr(name, value)`` reaches it.
 
     Raises:
-        ValueError: if an argument is invalid, endless tasks should cycle, or a task is outside ``task_space``.
+        ValueError: if an argument is invalid, endless tasks should cycle, a task is outside ``task_space``, or there is
+            a MetaTask inside.
 
     Example:
         >>> def set_gravity(pendulum, task):
@@ -85,6 +86,15 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             raise ValueError(f"when={when!r} is unknown: use 'before_reset' or 'after_reset'.")
         if apply_task is None and tasks is not None:
             raise ValueError("apply_task=None cannot set the given tasks: pass apply_task(env.unwrapped, task).")
+        if apply_task is not None and not callable(apply_task):
+            raise ValueError(f"apply_task={apply_task!r} is no function: pass apply_task(env.unwrapped, task).")
+        layer: Any = env
+        while isinstance(layer, gym.Wrapper):
+            if isinstance(layer, MetaTask):
+                raise ValueError(
+                    f"env={env} has a MetaTask, which would overwrite the task: wrap what is inside of it."
+                )
+            layer = layer.env
         distribution = as_task_distribution(tasks, task_space)
         if draw == "cycle" and not isinstance(distribution, TaskSet):
             raise ValueError("draw='cycle' needs finite tasks: use draw='random', or give an array (n, dim).")

@@ -175,3 +175,14 @@ def test_copies_apply_the_task_alike(make):
 def test_an_unknown_moment_is_refused():
     with pytest.raises(ValueError, match="when='later' is unknown: use 'before_reset' or 'after_reset'"):
         MetaTask(OwnGoalEnv(), set_goal, GOALS, when="later")
+
+
+def test_a_meta_task_inside_is_refused():
+    with pytest.raises(ValueError, match="has a MetaTask, which would overwrite the task: wrap what is inside of it"):
+        MetaTask(TimeLimit(own_goal(), 5), set_goal, GOALS)
+
+
+@pytest.mark.parametrize("wrong", [3, "set_goal"])
+def test_apply_task_must_be_a_function(wrong):
+    with pytest.raises(ValueError, match=f"apply_task={wrong!r} is no function"):
+        MetaTask(OwnGoalEnv(), wrong, GOALS)
