@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,14 +27,24 @@ class TrainingClock(NamedTuple):
 
     @classmethod
     def of_run(cls, folder: Path) -> TrainingClock | None:
-        """Read the clock of a run's folder; None without monitor files, or before the first episode has ended."""
-        if not (folder / "0.monitor.csv").is_file():
+        """Read the clock of a run's folder; None without monitor files, or before the first episode has ended.
+
+        A damaged file has no clock, with a warning: it keeps nobody from testing the agent.
+        """
+        path = folder / "0.monitor.csv"
+        if not path.is_file():
             return None
-        episodes = pd.read_csv(folder / "0.monitor.csv", comment="#")
+        try:
+            episodes = pd.read_csv(path, comment="#")[["l", "t"]].astype(np.float64)
+            if not np.isfinite(episodes).all(axis=None):
+                raise ValueError("a number is missing")
+        except (OSError, ValueError, KeyError) as error:  # pandas' errors are ValueErrors
+            warnings.warn(f"{path} cannot be read ({error}), so nobody knows how long the run trained", stacklevel=2)
+            return None
         if episodes.empty:
             return None
         n_envs = len(list(folder.glob("*.monitor.csv")))
-        seconds = episodes["t"].to_numpy(dtype=np.float64)
+        seconds = episodes["t"].to_numpy()
         starts_again = np.diff(seconds, prepend=0.0) < 0
         before = np.where(starts_again, np.roll(seconds, 1), 0.0).cumsum()  # seconds of the parts before this one
         return cls(n_envs * episodes["l"].to_numpy(dtype=np.int64).cumsum(), before + seconds)

@@ -16,7 +16,7 @@ ORIGIN = "sb3_bruno_origin.json"
 def save_origin(run: Path, command: list[str]) -> None:
     """Write the origin of a run; a resumed run keeps its first command and adds the versions of now."""
     before = _load(run)
-    origin = {"command": command, **before, "versions": [*before.get("versions", []), library_versions()]}
+    origin = {"command": command, **before, "versions": [*_versions(before), library_versions()]}
     with whole_file(run / ORIGIN) as part:
         part.write_text(json.dumps(origin, indent=1) + "\n", encoding="utf-8")
 
@@ -35,8 +35,14 @@ def load_command(run: Path) -> list[str]:
 
 def trained_at(run: Path) -> list[str]:
     """Return the commits that a run was trained at, in order; the package's version stands in for a missing commit."""
-    parts = [part.get("commit", part.get("sb3_bruno", "?")) for part in _load(run).get("versions", [])]
+    parts = [part.get("commit", part.get("sb3_bruno", "?")) for part in _versions(_load(run))]
     return list(dict.fromkeys(parts))
+
+
+def _versions(origin: dict[str, Any]) -> list[dict[str, str]]:
+    """Return the versions that trained each part; a part that somebody wrote otherwise is left out."""
+    versions = origin.get("versions")
+    return [part for part in versions if isinstance(part, dict)] if isinstance(versions, list) else []
 
 
 def _load(run: Path) -> dict[str, Any]:

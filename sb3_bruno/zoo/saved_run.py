@@ -10,6 +10,9 @@ from typing import Any, NamedTuple
 from sb3_bruno.zoo.configs import config_file, config_name, find_config, read_configs
 from sb3_bruno.zoo.saved_yaml import read_saved
 
+NEEDED = {"conf_file", "env_kwargs", "hyperparams"}
+"""Arguments of the command line that tell one run from another."""
+
 
 class SavedRun(NamedTuple):
     """The settings of a training run.
@@ -32,12 +35,12 @@ class SavedRun(NamedTuple):
         Raises:
             ValueError: if one of them is missing or cannot be read.
         """
-        try:
-            arguments = read_saved(params / "args.yml")
-            hyperparams = {"normalize": False} | read_saved(params / "config.yml")
-        except FileNotFoundError as error:
-            missing = Path(error.filename).name
-            raise ValueError(f"{params} has no {missing}, which `sb3-bruno train` writes: train there") from error
+        arguments = read_saved(params / "args.yml")
+        hyperparams = {"normalize": False} | read_saved(params / "config.yml")
+        for name, saved, needed in (("args.yml", arguments, NEEDED), ("config.yml", hyperparams, {"n_timesteps"})):
+            if not saved.keys() >= needed:
+                missing = ", ".join(sorted(needed - saved.keys()))
+                raise ValueError(f"{params / name} cannot be read: it has no {missing}: train again")
         policy_kwargs = hyperparams.get("policy_kwargs")
         if isinstance(policy_kwargs, dict) and policy_kwargs.get("use_sde") is False:
             del policy_kwargs["use_sde"]  # SB3 writes this default into the dict that it is given

@@ -51,9 +51,10 @@ def read_saved(path: Path) -> dict[str, Any]:
     """Read ``args.yml`` or ``config.yml`` of a run.
 
     Raises:
-        FileNotFoundError: if there is no such file.
-        ValueError: if it does not hold a mapping of plain values.
+        ValueError: if there is no such file, or it does not hold a mapping of plain values.
     """
+    if not path.is_file():
+        raise ValueError(f"{path.parent} has no {path.name}, which `sb3-bruno train` writes: train there")
     try:
         saved = yaml.load(path.read_text(encoding="utf-8"), Loader=SavedLoader)  # a SafeLoader
     except (yaml.YAMLError, ValueError, TypeError) as error:

@@ -87,8 +87,9 @@ def load_trained(
         gym_packages: packages to import, besides those that the run remembers.
 
     Raises:
-        ValueError: if no agent can be loaded, all runs are unfinished and ``exp_id`` chooses none, its environment has
-            no list of tasks, or ``steps`` would cut a trial.
+        ValueError: if no agent can be loaded, or not with the statistics that it was trained with; if all runs are
+            unfinished and ``exp_id`` chooses none, its environment has no list of tasks, or ``steps`` would cut a
+            trial.
     """
     package, _, env = env.rpartition(":")
     packages = [*gym_packages, *([package] if package else [])]
@@ -134,24 +135,30 @@ def load_trained(
         "inside_train_box": test.inside.tolist(),
         "n_inner_episodes": test.n_inner,
     }
-    return TrainedAgent(model, make_test_env, test, _vec_normalize(params, make_test_env), run, config)
+    statistics = _vec_normalize(params, make_test_env, is_needed=bool(saved.hyperparams["normalize"]))
+    return TrainedAgent(model, make_test_env, test, statistics, run, config)
 
 
 def packages_of_run(algo: str, env: str, logs: str | Path, exp_id: int = 0) -> list[str] | None:
     """Return the packages that a run's training imported; None if there is no such run.
+
+    rl_zoo3 takes a run whose settings are missing for one of an environment without arguments, wrappers and
+    normalisation.
 
     Args:
         algo: rl_zoo3's name of the algorithm.
         env: id of the environment.
         logs: the log folder.
         exp_id: the run's number, 0 for the latest, -1 for the agent in the log folder itself.
+
+    Raises:
+        ValueError: if the run's settings are missing or cannot be read.
     """
     name, folder = EnvironmentName(env), Path(logs, algo)
     number = exp_id or get_latest_run_id(str(folder), name)
-    try:
-        return SavedRun.load((folder / f"{name}_{number}" if number > 0 else folder) / name).gym_packages
-    except ValueError:
-        return None
+    run = folder / f"{name}_{number}" if number > 0 else folder
+    exists = (run / name).is_dir() or (run / f"{name}.zip").is_file()
+    return SavedRun.load(run / name).gym_packages if exists else None
 
 
 def _test_tasks(make_env: MakeEnv, env_id: str, split: str) -> TestTasks:
@@ -190,6 +197,19 @@ def _load(algo: str, path: str) -> BaseAlgorithm:
     return model
 
 
-def _vec_normalize(params: Path, make_env: MakeEnv) -> VecNormalize | None:
+def _vec_normalize(params: Path, make_env: MakeEnv, *, is_needed: bool) -> VecNormalize | None:
+    """Load the statistics of the training's observations; None if these were not normalised.
+
+    Raises:
+        ValueError: if they are missing or damaged: the agent would see other observations than in training.
+    """
     path = params / "vecnormalize.pkl"
-    return VecNormalize.load(str(path), DummyVecEnv([make_env])) if path.is_file() else None
+    if not path.exists() and not is_needed:
+        return None
+    try:
+        return VecNormalize.load(str(path), DummyVecEnv([make_env]))
+    except Exception as error:  # a damaged file may raise anything
+        remedy = "copy it there from a backup, or train again"
+        raise ValueError(
+            f"{path}, which normalises observations, cannot be read: {in_one_line(error)}: {remedy}"
+        ) from error

@@ -1,5 +1,7 @@
 """A run's folder says what it was, whatever the config says since; a damaged file is told in one line."""
 
+import shutil
+
 import pytest
 import yaml
 
@@ -8,6 +10,25 @@ from sb3_bruno.cli.main import main
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.runs.origin import trained_at
 from support.tiny_runs import tiny
+
+TESTS = [[command, "--env", "PointDir-v0", "--episodes", 1] for command in ("evaluate", "diagnose")]
+WATCHES = [["enjoy", "--env", "PointDir-v0", "--no-render", "-n", 3], ["record-video", "--env", "PointDir-v0", "-n", 3]]
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """A folder with a run whose observations are normalised."""
+    folder = tmp_path_factory.mktemp("normalised")
+    flags = tiny("--eval-freq", -1, "--checkpoint-freq", 32, "-f", folder / "logs", steps=64)
+    main([*map(str, flags), "normalize:True"])
+    return folder
+
+
+@pytest.fixture
+def normalised(trained, tmp_path):
+    """A copy of that run, to damage."""
+    shutil.copytree(trained / "logs", tmp_path / "logs")
+    return tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1"
 
 
 def evaluate(run, folder, *flags):
@@ -72,6 +93,32 @@ def test_an_agent_that_cannot_be_loaded_is_told_in_one_line(run, tmp_path):
     path.write_bytes(path.read_bytes()[:1_000])
     mistake = run("evaluate", "--env", "PointDir-v0")[1]
     assert "cannot be loaded as bruno_sac" in mistake and "\n" not in mistake
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "commands", "line"),
+    [
+        ("vecnormalize.pkl", None, TESTS, "vecnormalize.pkl, which normalises observations, cannot be read"),
+        ("vecnormalize.pkl", b"", TESTS, "vecnormalize.pkl, which normalises observations, cannot be read"),
+        ("config.yml", None, [*WATCHES, *TESTS], "has no config.yml, which `sb3-bruno train` writes"),
+        ("config.yml", b"- 1", [*WATCHES, *TESTS], "config.yml cannot be read"),
+        ("config.yml", b"{}", [*WATCHES, *TESTS], "config.yml cannot be read: it has no n_timesteps: train again"),
+        ("args.yml", None, [*WATCHES, *TESTS], "has no args.yml"),
+        ("args.yml", b"{}", [*WATCHES, *TESTS], "args.yml cannot be read: it has no conf_file, env_kwargs"),
+    ],
+)
+def test_an_agent_is_not_tested_otherwise_than_it_was_trained(run, normalised, name, content, commands, line):
+    path = normalised / "PointDir-v0" / name
+    path.unlink() if content is None else path.write_bytes(content)
+    for command in commands:
+        mistake = run(*command)[1]
+        assert line in mistake and "\n" not in mistake
+
+
+def test_a_run_whose_config_is_gone_is_not_resumed(run, normalised):
+    (normalised / "PointDir-v0" / "config.yml").unlink()
+    mistake = run("train", "--resume", normalised)[1]
+    assert "has no config.yml, which `sb3-bruno train` writes: train there" in mistake and "\n" not in mistake
 
 
 def test_curves_of_other_steps_are_not_plotted_together(run, tmp_path):

@@ -38,3 +38,22 @@ def test_between_episodes_time_is_interpolated(tmp_path):
 def test_without_an_episode_there_is_no_clock(tmp_path):
     assert TrainingClock.of_run(tmp_path) is None
     assert TrainingClock.of_run(write_monitors(tmp_path, [])) is None
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda whole: "",
+        lambda whole: whole.splitlines()[0],
+        lambda whole: whole.rstrip().rpartition(",")[0],
+        lambda whole: whole + 40 * "\0",
+        lambda whole: whole.replace("r,l,t", "a,b,c"),
+        lambda whole: whole.replace("7.0", "x"),
+    ],
+    ids=["empty", "no names", "a torn row", "zeros, as after a power failure", "other names", "no number"],
+)
+def test_a_damaged_monitor_file_is_no_clock(tmp_path, damage):
+    path = write_monitors(tmp_path, [3.0, 7.0]) / "0.monitor.csv"
+    path.write_text(damage(path.read_text()))
+    with pytest.warns(UserWarning, match=r"0.monitor.csv cannot be read .* how long the run trained"):
+        assert TrainingClock.of_run(tmp_path) is None

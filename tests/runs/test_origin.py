@@ -1,5 +1,7 @@
 """The origin of a run outlives kills, and one that is damaged blocks nothing that can do without it."""
 
+import json
+
 import pytest
 
 from sb3_bruno.runs.origin import ORIGIN, load_command, save_origin, trained_at
@@ -22,3 +24,11 @@ def test_a_damaged_origin_is_named_where_it_is_needed_and_else_told_by_the_way(t
     assert trained_at(tmp_path) == []
     with pytest.raises(ValueError, match=rf"{ORIGIN} does not tell the command .*copy it there from a backup"):
         load_command(tmp_path)
+
+
+@pytest.mark.parametrize("versions", ["x", ["x", 3], {"a": 1}, None])
+def test_versions_that_are_none_are_left_out(tmp_path, versions):
+    (tmp_path / ORIGIN).write_text(json.dumps({"command": COMMAND, "versions": versions}))
+    assert trained_at(tmp_path) == []
+    save_origin(tmp_path, [])
+    assert load_command(tmp_path) == COMMAND and len(trained_at(tmp_path)) == 1
