@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from typing import Any, NoReturn
 
@@ -35,10 +35,14 @@ class Parser(argparse.ArgumentParser):
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse as argparse does, and refuse what is left."""
         found, unknown = self.parse_known_args(args, namespace)
+        self.refuse(unknown)
+        return found
+
+    def refuse(self, unknown: list[str]) -> None:
+        """Exit with the nearest flag of the first word, if there is one."""
         if unknown:
             nearest = get_close_matches(unknown[0].partition("=")[0], self.flags, n=1)
             self.error(f"{unknown[0]} is unknown: " + (f"did you mean {nearest[0]}?" if nearest else "leave it out"))
-        return found
 
     def error(self, message: str) -> NoReturn:
         """Print the message and exit with status 2."""
@@ -46,7 +50,15 @@ class Parser(argparse.ArgumentParser):
 
 
 class UpstreamParser(Parser):
-    """Stands in for argparse's while rl_zoo3 builds its parser, and converts the values of its flags as ours."""
+    """Stands in for argparse's while rl_zoo3 builds its parser, and converts the values of its flags as ours.
+
+    Args:
+        ours: the flags that our command has besides rl_zoo3's, for the nearest of a misspelt one.
+    """
+
+    def __init__(self, *args: Any, ours: Sequence[str] = (), **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.flags += ours
 
     def add_argument(self, *names: Any, **kwargs: Any) -> argparse.Action:
         """Add a flag of rl_zoo3, with our converter where there is one."""

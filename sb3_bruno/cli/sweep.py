@@ -7,6 +7,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import pairwise
 from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
@@ -22,16 +23,16 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from sb3_bruno.cli.mistake import Mistake, told_as_mistake
 from sb3_bruno.cli.params import StoreParams
-from sb3_bruno.cli.parser import add_gym_packages, command_parser
+from sb3_bruno.cli.parser import Parser, add_gym_packages, command_parser
 from sb3_bruno.cli.trial_bar import trial_bar
-from sb3_bruno.cli.values import at_least_one
+from sb3_bruno.cli.values import at_least_one, whole_number
 from sb3_bruno.runs.denormals import flushed_denormals
 from sb3_bruno.zoo.configs import config_file, find_config, merged, read_configs
 from sb3_bruno.zoo.fit import check_hyperparameters
 from sb3_bruno.zoo.one_line import in_one_line
 from sb3_bruno.zoo.plain_text import check_texts
 from sb3_bruno.zoo.registry import converter_of, import_packages
-from sb3_bruno.zoo.storage import without_password
+from sb3_bruno.zoo.storage import is_journal, without_password
 from sb3_bruno.zoo.study import SETTINGS, SweepSettings, check_config, create_study, load_study, other_code
 from sb3_bruno.zoo.sweep import SweepExperiment
 from sb3_bruno.zoo.work import GaveUp, tell_of_lost_trials, work
@@ -55,18 +56,17 @@ def sweep(arguments: list[str]) -> None:
              sb3-bruno sweep best --storage sweep.log --study-name point --out best.yml
              sb3-bruno train --env PointDir-v0 -conf best.yml
     """
-    for flag, value in zip(arguments, [*arguments[1:], ""], strict=True):
+    for flag, value in pairwise([*arguments, ""]):
         name = flag.partition("=")[0]
         if name in ELSEWHERE:
             raise Mistake(f"{flag if '=' in flag else f'{flag} {value}'.strip()}: {ELSEWHERE[name]}, so leave it out")
-    options = _parser().parse_args(arguments)
+    options, unknown = _parser().parse_known_args(arguments)
+    options.parser.refuse(unknown)
     options.command(options)
 
 
 def init(options: argparse.Namespace) -> None:
     """Create the study: once, before the workers start."""
-    if not 0 <= options.seed <= LARGEST_SEED:
-        raise Mistake(f"--seed {options.seed}: give 0 to {LARGEST_SEED:,}")
     package, _, env = options.env.rpartition(":")  # as in my_package:My-v0
     settings: SweepSettings = {
         "algo": options.algo,
@@ -190,7 +190,7 @@ def best(options: argparse.Namespace) -> None:
         text = made_by + yaml.safe_dump(config, sort_keys=False)
     except yaml.representer.RepresenterError as error:
         raise Mistake(f"--algo {settings['algo']} draws what YAML cannot hold: {error}") from error
-    save(text, options.out)
+    save(text, options)
     print(text + f"\nSaved {options.out}: sb3-bruno train --env {settings['env']} -conf {options.out}")
 
 
@@ -211,16 +211,19 @@ def export(options: argparse.Namespace) -> None:
     """Write every trial as CSV: its state, return, duration and drawn values."""
     study = find_study(options)
     table = study.trials_dataframe(attrs=("number", "state", "value", "duration", "params"))
-    save(table.to_csv(index=False), options.out)
+    save(table.to_csv(index=False), options)
     print(f"Saved {len(study.trials)} trials in {options.out}")
 
 
-def save(text: str, path: Path) -> None:
-    """Write a file, and make its folder if there is none.
+def save(text: str, options: argparse.Namespace) -> None:
+    """Write the file ``--out``, and make its folder if there is none.
 
     Raises:
-        Mistake: if it cannot be written.
+        Mistake: if it cannot be written, or is the study's own.
     """
+    path: Path = options.out
+    if is_journal(options.storage) and path.resolve() == Path(options.storage).resolve():
+        raise Mistake(f"--out {path} is the --storage, which holds the study: give another")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8", newline="")  # a CSV table has its own line ends
@@ -228,13 +231,13 @@ def save(text: str, path: Path) -> None:
         raise Mistake(f"--out {path} cannot be written, give another: {error.strerror}") from error
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> Parser:
     parser = command_parser("sweep", sweep)
     subparsers = parser.add_subparsers(required=True, metavar="init | run | status | best | export")
-    commands: dict[Callable[[argparse.Namespace], None], argparse.ArgumentParser] = {}
+    commands: dict[Callable[[argparse.Namespace], None], Parser] = {}
     for command in (init, run, status, best, export):
         commands[command] = subparsers.add_parser(command.__name__, help=command.__doc__, description=command.__doc__)
-        commands[command].set_defaults(command=command)
+        commands[command].set_defaults(command=command, parser=commands[command])
         commands[command].add_argument(
             "--storage", required=True, help="a journal file (sweep.log) or postgresql://..."
         )
@@ -257,5 +260,10 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-n", "--n-timesteps", type=at_least_one, required=True, help="env steps of a trial")
     parser.add_argument("--n-evaluations", type=at_least_one, default=5, help="of a trial, for pruning (default: 5)")
     parser.add_argument("--n-startup-trials", type=at_least_one, default=10, help="drawn at random first (default: 10)")
-    parser.add_argument("--seed", type=int, default=0, help="of the first trial; each has its own (default: 0)")
+    parser.add_argument(
+        "--seed",
+        type=whole_number(0, LARGEST_SEED),
+        default=0,
+        help="of the first trial; each has its own (default: 0)",
+    )
     parser.add_argument("-params", "--hyperparams", nargs="+", action=StoreParams, help="as in train")

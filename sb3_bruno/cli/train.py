@@ -11,6 +11,8 @@ from sb3_bruno.cli.mistake import Mistake, told_as_mistake
 from sb3_bruno.cli.upstream import DEFAULTS, Arguments, asks_for_help, call, choose_env, own_parser, replaced
 from sb3_bruno.cli.values import whole_number
 
+CHECKPOINT_FREQ = 25_000  # env steps
+
 
 def train(arguments: Arguments) -> None:
     """Train an agent as rl_zoo3 does, or go on with a run exactly from its last checkpoint.
@@ -26,9 +28,8 @@ def train(arguments: Arguments) -> None:
     parser.add_argument(
         "--checkpoint-freq",
         type=whole_number(0),
-        default=25_000,
         metavar="N",
-        help="env steps between checkpoints, 0: none (default: 25000)",
+        help=f"env steps between checkpoints, 0: none (default: {CHECKPOINT_FREQ})",
     )
     own, rest = parser.parse_known_args(arguments)
     wants_help = asks_for_help(parser, rest)
@@ -45,8 +46,9 @@ def train(arguments: Arguments) -> None:
         call(rl_zoo3.train.train, "train", ["--help"])
     resume_from = own.resume
     if resume_from is not None:
-        if rest:
-            raise Mistake(f"--resume goes on with the run's own flags: leave out {' '.join(rest)}")
+        given = [*rest, *([] if own.checkpoint_freq is None else [f"--checkpoint-freq {own.checkpoint_freq}"])]
+        if given:
+            raise Mistake(f"--resume goes on with the run's own flags: leave out {' '.join(given)}")
         own, rest = parser.parse_known_args(_command_of(resume_from))
     for needed in ("wandb", "tensorboard") if "--track" in rest else ():
         if importlib.util.find_spec(needed) is None:
@@ -56,10 +58,11 @@ def train(arguments: Arguments) -> None:
         import_packages(chosen.packages)
         check_registered(chosen.env)
     has_started = threading.Event()  # until it is set, an error is a mistake in the command
-    options = RunOptions(own.checkpoint_freq, resume_from, chosen.command, has_started.set)
+    checkpoint_freq = CHECKPOINT_FREQ if own.checkpoint_freq is None else own.checkpoint_freq
+    options = RunOptions(checkpoint_freq, resume_from, chosen.command, has_started.set)
     experiment = partial(TaskExperiment, options=options)
     with flushed_denormals(), replaced(vars(rl_zoo3.train), "ExperimentManager", experiment):
-        call(rl_zoo3.train.train, "train", chosen.command, has_started.is_set)
+        call(rl_zoo3.train.train, "train", chosen.command, has_started.is_set, parser.flags)
 
 
 def _command_of(folder: Path) -> Arguments:

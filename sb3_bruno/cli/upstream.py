@@ -7,6 +7,7 @@ import runpy
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -66,9 +67,20 @@ def choose_env(arguments: Sequence[str], defaults: dict[str, str]) -> Chosen:
 
 
 def call(
-    upstream: Callable[[], None], name: str, arguments: Arguments, has_started: Callable[[], bool] = lambda: False
+    upstream: Callable[[], None],
+    name: str,
+    arguments: Arguments,
+    has_started: Callable[[], bool] = lambda: False,
+    ours: Sequence[str] = (),
 ) -> None:
     """Call a function of rl_zoo3 that reads ``sys.argv``, and let it read what a run saved as data.
+
+    Args:
+        upstream: the function.
+        name: our command's name.
+        arguments: the flags of rl_zoo3.
+        has_started: whether the work has started.
+        ours: the flags of our command, which a misspelt one may be meant for.
 
     Raises:
         Mistake: if it raises before the work has started; later errors stay as they are.
@@ -80,7 +92,7 @@ def call(
     with (
         told_as_mistake(Exception, has_started),
         replaced(vars(yaml), "UnsafeLoader", SavedLoader),
-        replaced(vars(sys.modules[upstream.__module__]), "argparse", ARGPARSE),
+        replaced(vars(sys.modules[upstream.__module__]), "argparse", _argparse(ours)),
         replaced(vars(sys), "argv", [f"sb3-bruno {name}", *arguments]),
     ):
         upstream()
@@ -88,7 +100,7 @@ def call(
 
 def run_script(module: str) -> None:
     """Run a script of rl_zoo3, with our parser."""
-    with replaced(sys.modules, "argparse", ARGPARSE):
+    with replaced(sys.modules, "argparse", _argparse()):
         runpy.run_module(module, run_name="__main__")
 
 
@@ -103,11 +115,8 @@ def replaced(names: dict[str, Any], name: str, value: Any) -> Iterator[None]:
         names[name] = before
 
 
-def _argparse() -> ModuleType:
+def _argparse(ours: Sequence[str] = ()) -> ModuleType:
     """Copy the module argparse, with our parser in the place of its own."""
     module = ModuleType("argparse")
-    vars(module).update(vars(argparse), ArgumentParser=UpstreamParser)
+    vars(module).update(vars(argparse), ArgumentParser=partial(UpstreamParser, ours=ours))
     return module
-
-
-ARGPARSE = _argparse()

@@ -76,13 +76,27 @@ def writable_folder(text: str) -> Path:
     Raises:
         argparse.ArgumentTypeError: if it cannot.
     """
-    folder = Path(text)
-    nearest = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not text:
+        raise argparse.ArgumentTypeError("'' is no folder: give its name, . for this one")
+    nearest = _nearest(text)
     if not nearest.is_dir():
         raise argparse.ArgumentTypeError(f"{text!r} cannot be written, for {nearest} is no folder: give another")
     if not os.access(nearest, os.W_OK | os.X_OK):
         raise argparse.ArgumentTypeError(f"{text!r} cannot be written, for {nearest} is read-only: give another")
-    return folder
+    return Path(text)
+
+
+def _nearest(text: str) -> Path:
+    """Find the first that exists of a path and the folders that it is in.
+
+    Raises:
+        argparse.ArgumentTypeError: if it is too long, or in a folder that nobody may look into.
+    """
+    path = Path(text)
+    try:
+        return next(place for place in (path, *path.absolute().parents) if place.exists())
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{text[:100]!r} cannot be written: {error.strerror}: give another") from error
 
 
 def writable_file(text: str) -> Path:
@@ -91,7 +105,7 @@ def writable_file(text: str) -> Path:
     Raises:
         argparse.ArgumentTypeError: if it cannot.
     """
-    if Path(text).is_dir():
+    if _nearest(text) == Path(text) and Path(text).is_dir():
         raise argparse.ArgumentTypeError(f"{text!r} is a folder: give a file in it")
     writable_folder(str(Path(text).parent))
     return Path(text)

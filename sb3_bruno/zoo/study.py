@@ -121,7 +121,7 @@ def _those_there(storage: BaseStorage, name: str) -> str:
     if not names:
         return ": make it with sb3-bruno sweep init"
     nearest = get_close_matches(name, names, n=1)
-    question = f", did you mean {nearest[0]}?" if nearest else ""
+    question = f", did you mean {nearest[0]}?" if nearest else "."
     return f"{question} It has {', '.join(names)}: give one of them, or make yours with sb3-bruno sweep init"
 
 

@@ -17,6 +17,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.zoo.configs import merged
 from sb3_bruno.zoo.experiment import TaskExperiment
+from sb3_bruno.zoo.fit import check_hyperparameters
 from sb3_bruno.zoo.plain_text import check_texts
 from sb3_bruno.zoo.processes import this_process
 from sb3_bruno.zoo.registry import check_registered, import_packages, sampler_of
@@ -32,7 +33,7 @@ class SweepExperiment(TaskExperiment):
 
     Raises:
         ValueError: if the environment is not registered, or a package that should register it cannot be imported; or
-            if the config holds text that is more than plain values.
+            if the config holds text that is more than plain values, or hyperparameters that cannot be.
     """
 
     def __init__(self, settings: SweepSettings) -> None:
@@ -56,7 +57,8 @@ class SweepExperiment(TaskExperiment):
         self.setup_experiment()
 
     def read_hyperparameters(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return the study's hyperparameters. The config files on a worker's machine may differ."""
+        """Return the study's hyperparameters, checked. The config files on a worker's machine may differ."""
+        check_hyperparameters(self.algo, {"n_timesteps": self.n_timesteps, **self._config})
         return copy.deepcopy(self._config), self._config
 
     def create_log_folder(self) -> None:

@@ -58,6 +58,10 @@ def told(run, tmp_path, capsys):
         (["--algo", "bruno_sca"], "--algo: invalid choice: 'bruno_sca'"),
         (["-i", "none.zip"], "'none.zip' is no file of an agent"),
         (["--n-timestep5", "3"], "--n-timestep5 is unknown: did you mean --n-timesteps?"),
+        (["--resum", "logs"], "--resum is unknown: did you mean --resume?"),
+        (["--checkpoint-frq=7"], "--checkpoint-frq=7 is unknown: did you mean --checkpoint-freq?"),
+        (["-f", ""], "'' is no folder: give its name, . for this one"),
+        (["-f", 300 * "a"], "aa' cannot be written: File name too long: give another"),
         (["-f", __file__], "--log-folder: '" + __file__ + "' cannot be written"),
         (["-params", "gamma=1"], "-params gamma=1: write gamma:1"),
         (["-params", "gamma"], "-params gamma: give NAME:VALUE"),
@@ -113,6 +117,9 @@ def test_a_training_that_cannot_be(told, flags, line):
         (["evaluate", "--step", "x"], "--steps: 'x' is not a whole number of 1 or more"),
         (["evaluate", "--spilt", "test"], "--spilt is unknown: did you mean --split?"),
         (["evaluate", "--split", "tset"], "--split: invalid choice: 'tset'"),
+        (["evaluate", "--out", ""], "'' is no folder: give its name"),
+        (["plot", "--out", 300 * "a"], "aa' cannot be written: File name too long"),
+        (["plot", "--out", 300 * "a" + "/x.png"], "aa' cannot be written: File name too long"),
         (["evaluate", "--seed", "-1"], "--seed: '-1' is not a whole number from 0"),
         (
             ["evaluate", "--out", f"{__file__}/x"],
@@ -170,6 +177,15 @@ def test_a_config_that_cannot_be_read(told, tmp_path, text, line):
 )
 def test_text_needs_no_quotes(word, value):
     assert read_param(word, "-params") == (word.partition(":")[0], value)
+
+
+def test_a_run_that_goes_on_takes_no_other_flags(run, told, tmp_path):
+    run(*tiny("--eval-freq", -1, "--checkpoint-freq", 64, steps=120))
+    folder = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1"
+    for flags in (["-n", "1000"], ["--checkpoint-freq", "10"]):
+        assert f"--resume goes on with the run's own flags: leave out {' '.join(flags)}" in told(
+            "train", "--resume", folder, *flags
+        )
 
 
 def test_a_number_may_be_written_short(run, tmp_path):

@@ -68,11 +68,14 @@ def test_where_nothing_can_be_saved_is_one_line(folder):
 @pytest.mark.parametrize(
     ("params", "line"),
     [
-        ("learning_rate:high", "learning_rate.*high"),
+        ("learning_rate:high", "learning_rate='high' is no schedule: write lin_1e-3"),
+        ("critic_input:beliefs", "`?critic_input"),
         ("foo", "-params foo: give NAME:VALUE"),
+        ("gamma=1", "-params gamma=1: write gamma:1"),
         ("gamma:1/0", "-params gamma:1/0: ZeroDivisionError"),
-        ("n_envs:0", "n_envs=0` is too small: give a whole number of 1 or more"),
-        ("n_envs:2.5", "n_envs=2.5` is no whole number"),
+        ("n_envs:0", "`n_envs=0` is too small"),
+        ("n_envs:2.5", "`n_envs=2.5` is no whole number"),
+        ("batch_size:many", "`batch_size='many'` is no whole number"),
         ("policy_kwargs:{1:2}", r"policy_kwargs=\{.*1: 2\} cannot be stored as JSON, which would make it"),
         ("gamma:float('nan')", "gamma=nan cannot be stored as JSON"),
         ("policy_kwargs:\"open('x')\"", "policy_kwargs=\"open\\('x'\\)\" is more than plain values, dict"),
@@ -111,15 +114,16 @@ def test_a_hyperparameter_that_no_storage_can_hold_is_one_line_and_leaves_no_stu
 
 
 @pytest.mark.parametrize("seed", ["-1", str(2**32)])
-def test_a_seed_that_a_trial_cannot_have_is_one_line(seed, folder):
-    with pytest.raises(SystemExit, match=f"--seed {seed}: give 0 to "):
+def test_a_seed_that_a_trial_cannot_have_is_one_line(seed, capsys, folder):
+    with pytest.raises(SystemExit):
         main([*INIT, "--seed", seed])
+    assert f"--seed: '{seed}' is not a whole number from 0 to 2147483647" in capsys.readouterr().err
     assert not (folder / "x.log").exists()
 
 
 def test_an_entry_of_a_config_that_is_no_mapping_is_one_line(folder):
     (folder / "my.yml").write_text("PointDir-v0: 3\n")
-    with pytest.raises(SystemExit, match=r"-conf my.yml holds no hyperparameters of PointDir-v0"):
+    with pytest.raises(SystemExit, match=r"my.yml holds no hyperparameters of PointDir-v0: write the env"):
         main([*INIT, "-conf", "my.yml"])
 
 
@@ -137,3 +141,39 @@ def test_an_environment_that_nobody_registered_is_one_line(folder):
     with pytest.raises(SystemExit, match="--gym-packages no_such_package cannot be imported: No module named"):
         main([*own, "--gym-packages", "no_such_package"])
     assert not (folder / "x.log").exists()
+
+
+def test_hyperparameters_are_given_as_in_train(folder):
+    main([*INIT, "-params", "critic_input:belief", "--seed", "1e3", "-params", "use_sde:false"])
+    settings = load_study("x.log", "s").user_attrs[SETTINGS]
+    assert settings["config"]["critic_input"] == "belief" and settings["config"]["use_sde"] is False
+    assert settings["seed"] == 1_000
+    with pytest.raises(SystemExit, match="gamma is given twice"):
+        main([*INIT, "-params", "gamma:0.9", "-params", "gamma:0.8"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        ([], "sb3-bruno sweep: the following arguments are required: init | run"),
+        (["run", *CHOSEN, "--n-trails", "1"], "sb3-bruno sweep run: --n-trails is unknown: did you mean --n-trials?"),
+        (
+            [*INIT[1:], "--n-timestep5", "3"],
+            "sb3-bruno sweep init: --n-timestep5 is unknown: did you mean --n-timesteps?",
+        ),
+        (["status", *CHOSEN, "--seed", "1"], "sb3-bruno sweep status: --seed is unknown: leave it out"),
+    ],
+)
+def test_what_a_command_of_a_sweep_does_not_know_is_one_line(arguments, line, capsys):
+    with pytest.raises(SystemExit):
+        main(["sweep", *arguments])
+    told = capsys.readouterr().err.strip()
+    assert told.startswith(line) and "\n" not in told
+
+
+def test_a_study_is_not_overwritten_by_what_is_read_from_it(folder):
+    study_of_another(with_settings=True)
+    before = (folder / "x.log").read_bytes()
+    with pytest.raises(SystemExit, match=r"--out x.log is the --storage, which holds the study: give another"):
+        main(["sweep", "export", *CHOSEN, "--out", "./x.log"])
+    assert (folder / "x.log").read_bytes() == before
