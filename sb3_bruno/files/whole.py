@@ -44,6 +44,22 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         yield part / path.name
 
 
+def check_writable(path: str | Path) -> None:
+    """Check that ``whole_file`` can write to ``path``, whose folder is made; an older file there stays.
+
+    Raises:
+        ValueError: if it cannot.
+    """
+    path = Path(os.path.realpath(path))
+    try:
+        if path.is_dir():
+            raise IsADirectoryError("it is a folder")
+        with whole_files(path.parent, path.name):
+            pass
+    except OSError as error:
+        raise ValueError(f"path={path} cannot be written ({error.strerror or error}): give another file.") from error
+
+
 def _sync_names(folder: Path) -> None:
     """Wait until the names of the files in ``folder`` are on the disk."""
     with suppress(OSError):  # Windows opens no folder, and some network disks sync none

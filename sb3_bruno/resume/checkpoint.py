@@ -19,6 +19,7 @@ from stable_baselines3.her.her_replay_buffer import HerReplayBuffer
 from sb3_bruno.algorithms.checks import check_family
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.files.sealed import Damaged, sealing, unsealed
+from sb3_bruno.files.whole import check_writable
 from sb3_bruno.resume.env_state import EnvState, restore_envs, restore_wrappers, save_envs, wrapped_alike
 
 FORMAT = "sb3_bruno checkpoint 1"
@@ -43,13 +44,13 @@ class ResumeCallback(BaseCallback):
         verbose: 1 prints a line for each checkpoint.
 
     Raises:
-        ValueError: if ``save_freq`` is not positive, the model is not off-policy, or a callback that is none of SB3's
-            calls this one and does not tell it of rollouts.
+        ValueError: if ``save_freq`` is not positive, the model is not off-policy, ``path`` cannot be written, or a
+            callback that is none of SB3's calls this one and does not tell it of rollouts.
     """
 
     def __init__(self, path: str | pathlib.Path, save_freq: int = 10_000, verbose: int = 0) -> None:
         super().__init__(verbose)
-        if save_freq < 1:
+        if not save_freq >= 1:  # NaN is not
             raise ValueError(f"save_freq={save_freq} is not positive: give the env steps between two checkpoints.")
         self.path = pathlib.Path(path)
         self.save_freq = save_freq
@@ -72,6 +73,7 @@ class ResumeCallback(BaseCallback):
                 f"model is of class {type(self.model).__name__}, and only off-policy ones can be resumed exactly: use "
                 "SB3's CheckpointCallback."
             )
+        check_writable(self.path)
         self._saved_at = self.model.num_timesteps
         self._is_told_of_rollouts = self._is_due = False
 
@@ -175,7 +177,7 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
         raise ValueError(f"env has {vec_env.num_envs} envs, the checkpoint {buffer.n_envs}: make as many.")
     check_family(buffer, vec_env)
     vec_env = wrapped_alike(vec_env, state.wrappers)
-    restore_envs(vec_env, state)
+    missing_because = restore_envs(vec_env, state)
     restore_wrappers(vec_env, state.wrappers)
     model: OffPolicyAlgorithm = checkpoint["class"].load(
         io.BytesIO(checkpoint["model"]), env=vec_env, device=device, force_reset=False
@@ -187,8 +189,8 @@ def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "aut
     elif isinstance(buffer, HerReplayBuffer):
         buffer.set_env(vec_env)
     vec_env.unwrapped._reset_seeds()  # those that load has set would start the next episodes anew
-    if state.envs is None:
-        warnings.warn(f"The run goes on with a new episode, because {state.missing_because}.", stacklevel=2)
+    if missing_because:
+        warnings.warn(f"The run goes on with a new episode, because {missing_because}.", stacklevel=2)
         model._last_obs = None
         vec_env.seed((model.seed or 0) + model.num_timesteps)  # or the first episodes would repeat
     _set_random_states(model, checkpoint["random"])

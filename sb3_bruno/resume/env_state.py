@@ -94,19 +94,24 @@ def wrapped_alike(vec_env: VecEnv, states: list[WrapperState]) -> VecEnv:
     return vec_env
 
 
-def restore_envs(vec_env: VecEnv, state: EnvState) -> None:
+def restore_envs(vec_env: VecEnv, state: EnvState) -> str:
     """Replace the environments inside ``vec_env`` by the saved ones, which write on in the new ones' monitor files.
 
     A monitor file that was opened for appending is cut off where it ended when the state was saved. The clocks of the
     Monitors continue from what they showed then. If the environments could not be saved, the new ones stay, and only
     files and clocks are restored. In other processes nothing can be restored.
 
+    Returns:
+        Why the new environments stay; empty if the saved ones replaced them.
+
     Raises:
         ValueError: if ``vec_env`` has another number of Monitors than were saved.
     """
     inner = vec_env.unwrapped
-    if not isinstance(inner, DummyVecEnv) or state.monitors is None:
-        return
+    if not isinstance(inner, DummyVecEnv):
+        return state.missing_because or f"saved envs cannot be put into {type(inner).__name__}"
+    if state.monitors is None:
+        return state.missing_because
     new = _monitors(inner)
     if len(new) != len(state.monitors):
         raise ValueError(
@@ -120,6 +125,7 @@ def restore_envs(vec_env: VecEnv, state: EnvState) -> None:
             restored.results_writer = monitor.results_writer
     for monitor, saved in zip(_monitors(inner), state.monitors, strict=True):
         monitor.t_start = time.time() - saved.seconds
+    return state.missing_because
 
 
 def restore_wrappers(vec_env: VecEnv, states: list[WrapperState]) -> None:

@@ -154,3 +154,19 @@ def test_signals_that_are_ignored_stay_so(tmp_path):
     finally:
         signal.signal(signal.SIGINT, before)
     assert model.num_timesteps == 42 and np.isfinite(model.replay_buffer.rewards).all()
+
+
+@pytest.mark.parametrize("name", [".", "file/checkpoint.pkl", 300 * "a"], ids=["a folder", "in a file", "too long"])
+def test_a_path_that_cannot_be_written_is_refused_before_the_training(tmp_path, name):
+    (tmp_path / "file").touch()
+    model = RecurrentSAC("MlpPolicy", make_point(), **tiny(RecurrentSAC))
+    with pytest.raises(ValueError, match=r"path=.* cannot be written \(.*\): give another file"):
+        model.learn(10, ResumeCallback(tmp_path / name, save_freq=20))
+    assert model.num_timesteps == 0 and [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_checkpoint_that_is_there_stays_until_the_next(tmp_path):
+    path = tmp_path / "checkpoint.pkl"
+    path.write_bytes(b"older")
+    RecurrentSAC("MlpPolicy", make_point(), **tiny(RecurrentSAC)).learn(10, ResumeCallback(path, save_freq=20))
+    assert path.read_bytes() == b"older"

@@ -249,6 +249,15 @@ def test_envs_whose_state_is_lost_go_on_with_a_new_episode_and_say_so(tmp_path):
 
 
 @pytest.mark.mujoco
+def test_envs_that_are_moved_to_other_processes_go_on_with_a_new_episode_and_say_so(tmp_path):
+    path = tmp_path / "checkpoint.pkl"
+    BrunoSAC("MlpPolicy", point(2), **SETTINGS).learn(90, ResumeCallback(path, 40))
+    with pytest.warns(UserWarning, match="new episode, because saved envs cannot be put into SubprocVecEnv"):
+        model = resume(path, point(2, vec_env_cls=SubprocVecEnv))
+    model.learn(20, reset_num_timesteps=False)
+    model.env.close()
+
+
 def test_an_env_that_forgets_its_state_when_pickled_is_found_out(tmp_path):
     def make_env():
         return TransitionObservation(MetaTask(gym.make("HalfCheetah-v5", max_episode_steps=50)))
@@ -305,8 +314,9 @@ def test_the_time_between_kill_and_resumption_is_not_counted(tmp_path, monkeypat
 def test_mistakes_are_named(tmp_path):
     with pytest.raises(ValueError, match="off-policy"):
         PPO("MlpPolicy", point(env_kwargs={"observe": "plain"})).learn(1, ResumeCallback(tmp_path / "checkpoint.pkl"))
-    with pytest.raises(ValueError, match="save_freq"):
-        ResumeCallback(tmp_path / "checkpoint.pkl", 0)
+    for save_freq in (0, float("nan")):
+        with pytest.raises(ValueError, match=f"save_freq={save_freq} is not positive"):
+            ResumeCallback(tmp_path / "checkpoint.pkl", save_freq)
     with pytest.raises(FileNotFoundError):
         resume(tmp_path / "none.pkl", point())
     BrunoSAC("MlpPolicy", point(), **SETTINGS).learn(90, ResumeCallback(tmp_path / "checkpoint.pkl", 40))
