@@ -28,7 +28,6 @@ from sb3_bruno.cli.trial_bar import trial_bar
 from sb3_bruno.cli.values import at_least_one, whole_number
 from sb3_bruno.runs.denormals import flushed_denormals
 from sb3_bruno.zoo.configs import config_file, find_config, merged, read_configs
-from sb3_bruno.zoo.fit import check_hyperparameters
 from sb3_bruno.zoo.one_line import in_one_line
 from sb3_bruno.zoo.plain_text import check_texts
 from sb3_bruno.zoo.registry import converter_of, import_packages
@@ -81,7 +80,6 @@ def init(options: argparse.Namespace) -> None:
     with told_as_mistake():
         check_config(settings["config"])
     with told_as_mistake(Exception):  # config and -params are Python, which may raise anything
-        check_hyperparameters(settings["algo"], settings["config"])
         SweepExperiment(settings).check()
     with told_as_mistake(), told_as_lost(options):
         create_study(options.storage, options.study_name, settings)
