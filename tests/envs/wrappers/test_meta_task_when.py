@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.envs.classic_control import PendulumEnv
 from gymnasium.spaces import Box
-from gymnasium.wrappers import TimeLimit, TransformReward
+from gymnasium.wrappers import TransformReward
 
 from sb3_bruno_envs import MetaTask, PointDirEnv, TransitionObservation, Trial, check_meta_env
 
@@ -83,11 +83,13 @@ def own_goal(apply_task=set_goal, **kwargs):
 
 
 def own_context():
-    return MetaTask(TimeLimit(OwnContext(PendulumEnv()), 20), set_context, GOALS, when="after_reset", unwrap=False)
+    return MetaTask(
+        gym.wrappers.TimeLimit(OwnContext(PendulumEnv()), 20), set_context, GOALS, when="after_reset", unwrap=False
+    )
 
 
-def wrapped_goal():
-    return MetaTask(TimeLimit(Goal(PointDirEnv()), 20), set_wrappers_goal, GOALS, unwrap=False)
+def wrapped_goal():  # of the class TimeLimit that there is now: rl_zoo3 replaces it, and a pickle must find it
+    return MetaTask(gym.wrappers.TimeLimit(Goal(PointDirEnv()), 20), set_wrappers_goal, GOALS, unwrap=False)
 
 
 def reward_at_rest(env, goal):
@@ -126,7 +128,7 @@ def test_what_is_returned_before_the_reset_is_ignored():
 
 
 def test_the_task_is_applied_again_when_a_trial_resets():
-    inner = TimeLimit(OwnGoalEnv(shows=True), 3)
+    inner = gym.wrappers.TimeLimit(OwnGoalEnv(shows=True), 3)
     env = MetaTask(Trial(inner, 3), set_and_show_goal, GOALS, when="after_reset")
     env.reset(seed=0, options={"task": [0.9]})
     for _ in range(8):
@@ -179,7 +181,7 @@ def test_an_unknown_moment_is_refused():
 
 def test_a_meta_task_inside_is_refused():
     with pytest.raises(ValueError, match="has a MetaTask, which would overwrite the task: wrap what is inside of it"):
-        MetaTask(TimeLimit(own_goal(), 5), set_goal, GOALS)
+        MetaTask(gym.wrappers.TimeLimit(own_goal(), 5), set_goal, GOALS)
 
 
 @pytest.mark.parametrize("wrong", [3, "set_goal"])
