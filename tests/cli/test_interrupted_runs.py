@@ -68,7 +68,7 @@ def test_an_interrupt_before_the_training_leaves_no_folder(run, tmp_path, monkey
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(BrunoSAC, "__init__", interrupt)
+    monkeypatch.setattr(BrunoSAC, "_setup_model", interrupt)
     assert run(*tiny("--eval-freq", -1))[1] == "130"
     assert not list(tmp_path.rglob("PointDir*"))
 
@@ -81,7 +81,7 @@ def test_two_trainings_that_start_together_have_folders_of_their_own(tmp_path, m
     assert first.save_path == second.save_path
     first.setup_experiment()
     (tmp_path / first.save_path / "agent.zip").touch()
-    monkeypatch.setattr(BrunoSAC, "__init__", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr(BrunoSAC, "_setup_model", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         second.setup_experiment()
     assert second.save_path.endswith("PointDir-v0_2") and second.params_path.startswith(second.save_path)
