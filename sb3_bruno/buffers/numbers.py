@@ -18,12 +18,12 @@ NUMBER_KINDS = "biuf"
 
 
 def read_rows(name: str, given: ArrayLike, *shapes: tuple[int, ...]) -> NDArray[Any]:
-    """Make an array of what was given, with a row for each env. NumPy would store a single row for all of them.
+    """Make an array of what was given, of one of several shapes. NumPy would store a single row for all envs.
 
     Args:
         name: of the argument, for the error.
         given: the rows.
-        *shapes: those that it may have, (n_envs, ...) each.
+        *shapes: those that it may have.
 
     Raises:
         ValueError: if it has another shape, or holds no numbers.
@@ -31,8 +31,7 @@ def read_rows(name: str, given: ArrayLike, *shapes: tuple[int, ...]) -> NDArray[
     array = np.asarray(given)
     if array.shape not in shapes or array.dtype.kind not in NUMBER_KINDS:
         raise ValueError(
-            f"`{name}` is of type {array.dtype} and shape {array.shape}: give numbers of shape {shapes[0]}, a row for "
-            "each env."
+            f"`{name}` is of type {array.dtype} and shape {array.shape}: give numbers of shape {shapes[0]}."
         )
     return array
 

@@ -106,7 +106,8 @@ class TaskRing(ReplayBuffer):
         arrivals = np.array(shown)
         inner_ends = [i for i, info in enumerate(infos) if "trial_final_observation" in info]
         for i in inner_ends:
-            arrivals[i] = infos[i]["trial_final_observation"]
+            final = infos[i]["trial_final_observation"]
+            arrivals[i] = read_rows("info['trial_final_observation']", final, self.obs_shape)
         numbers = {"observation": departures, "action": action, "reward": reward, "task": tasks}
         check_numbers(numbers | {"next observation": arrivals}, self._place)
         first_slot = self.pos * self.n_envs

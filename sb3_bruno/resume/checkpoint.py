@@ -125,10 +125,21 @@ def save_checkpoint(model: OffPolicyAlgorithm, path: str | pathlib.Path) -> None
     Args:
         model: a model at the start of a rollout.
         path: the file to write; an older file there stays whole until the new one replaces it.
+
+    Raises:
+        ValueError: naming an attribute of the model that cannot be pickled.
     """
     assert model.env is not None  # for mypy: a model in training has one
     archive = io.BytesIO()
-    model.save(archive)
+    try:
+        model.save(archive)
+    except Exception as error:  # pickling may raise anything
+        names = _unpicklable(model)
+        if not names:
+            raise
+        raise ValueError(
+            f"The model cannot be saved, for its attributes {names} cannot be pickled ({error}): keep them elsewhere."
+        ) from error
     checkpoint = {
         "class": type(model),
         "model": archive.getvalue(),
@@ -138,6 +149,20 @@ def save_checkpoint(model: OffPolicyAlgorithm, path: str | pathlib.Path) -> None
     }
     with sealing(path, FORMAT) as file:
         cloudpickle.dump(checkpoint, file)
+
+
+def _unpicklable(model: OffPolicyAlgorithm) -> list[str]:
+    """Name the attributes of a model that SB3 would save and cannot."""
+    state_dicts, variables = model._get_torch_save_params()
+    left_out = {*model._excluded_save_params(), *(name.split(".")[0] for name in [*state_dicts, *variables])}
+    names = []
+    for name, value in vars(model).items():
+        if name not in left_out:
+            try:
+                cloudpickle.dumps(value)
+            except Exception:  # likewise
+                names.append(name)
+    return names
 
 
 def resume(path: str | pathlib.Path, env: GymEnv, device: th.device | str = "auto") -> OffPolicyAlgorithm:

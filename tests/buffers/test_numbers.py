@@ -90,9 +90,20 @@ def test_what_is_not_of_every_env_is_named_and_nothing_of_it_is_stored(wrong):
         "infos": [{"task": [1.0]}, {"task": [2.0]}],
     }
     ((name, _),) = wrong.items()
-    with pytest.raises(ValueError, match=rf"`{name}.*` (is of type|has) .*: give .* each"):
+    with pytest.raises(ValueError, match=rf"`{name}.*` (is of type|has) .*: give "):
         buffer.add(**{**step, **wrong})
     assert buffer.pos == 1 and buffer.episodes.lengths.tolist() == [1, 1]
     assert [len(buffer.tasks.queue_of(slot)) for slot in (0, 1)] == [1, 1]
     buffer.add(**{**step, "action": [[1.0], [1.0]]})
     assert buffer.pos == 2
+
+
+@pytest.mark.parametrize("final", [7.0, [1.0, 2.0], None, "home"])
+def test_an_inner_end_of_another_shape_is_refused(final):
+    stream = Stream().add([1])
+    here, info = {"observation": np.ones((1, 1))}, {"task": [1], "trial_final_observation": final}
+    with pytest.raises(
+        ValueError, match=r"`info\['trial_final_observation'\]` is of type .* give numbers of shape \(1,\)"
+    ):
+        stream.buffer.add(here, here, np.ones((1, 1)), [0.0], [False], [info])
+    assert stream.buffer.pos == 1

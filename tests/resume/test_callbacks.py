@@ -170,3 +170,11 @@ def test_a_checkpoint_that_is_there_stays_until_the_next(tmp_path):
     path.write_bytes(b"older")
     RecurrentSAC("MlpPolicy", make_point(), **tiny(RecurrentSAC)).learn(10, ResumeCallback(path, save_freq=20))
     assert path.read_bytes() == b"older"
+
+
+def test_what_cannot_be_saved_is_named(tmp_path):
+    model = plain()
+    model.phone = (step for step in range(3))  # a generator
+    with pytest.raises(ValueError, match=r"attributes \['phone'\] cannot be pickled .*: keep them elsewhere"):
+        model.learn(50, ResumeCallback(tmp_path / "checkpoint.pkl", 20))
+    assert not list(tmp_path.iterdir())
