@@ -28,9 +28,10 @@ from sb3_bruno.algorithms.checks import (
     read_task_space,
 )
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.algorithms.policy_arguments import check_policy_kwargs
 from sb3_bruno.algorithms.rehearsal import warn_of_task_without_effect
 from sb3_bruno.algorithms.saving import Saving
-from sb3_bruno.algorithms.values import check_env, check_kinds, check_learning, check_policy_kwargs, check_values
+from sb3_bruno.algorithms.values import check_env, check_kinds, check_learning, check_values
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.buffers.extended_obs import CriticInput
 from sb3_bruno.encoders import TaskEncoder, find_encoder

@@ -14,11 +14,8 @@ from operator import index
 from typing import Any, TypeGuard
 
 import numpy as np
-import torch as th
 from stable_baselines3.common.noise import ActionNoise
 from stable_baselines3.common.utils import get_device
-
-from sb3_bruno.algorithms.arguments import check_known, check_names
 
 LEAST = {
     "batch_size": 1,
@@ -84,9 +81,9 @@ def check_values(given: Mapping[str, Any]) -> None:
             continue
         if name in WHOLE:
             check_whole(name, value, LEAST.get(name))
-        elif name in NUMBERS and not _is_number(value):
+        elif name in NUMBERS and not is_number(value):
             raise TypeError(f"`{name}={value!r}` is no number: give one, such as 0.9.")
-        elif name in RATES and not (_is_number(value) or callable(value)):
+        elif name in RATES and not (is_number(value) or callable(value)):
             raise TypeError(f"`{name}={value!r}` is no number and no schedule: give one, such as 1e-3.")
         elif name in DICTS and not isinstance(value, Mapping):
             raise TypeError(f"`{name}={value!r}` is no dict: give the arguments by name, such as `{name}={{...}}`.")
@@ -143,7 +140,7 @@ def check_kinds(given: Mapping[str, Any] | None, takes: Callable[..., Any]) -> N
                 raise TypeError(f"`{name}={value!r}` is neither True nor False: give one of them.")
         elif isinstance(default, int):
             check_whole(name, value)
-        elif isinstance(default, float) and not _is_number(value):
+        elif isinstance(default, float) and not is_number(value):
             raise TypeError(f"`{name}={value!r}` is no number: give one, such as {default}.")
 
 
@@ -179,7 +176,7 @@ def check_ranges(arguments: Mapping[str, Any]) -> None:
             raise ValueError(f"`{name}={value}` is no number: give one.")
     for name, (low, high) in RANGES.items():
         given = arguments.get(name)
-        if _is_number(given) and not low <= given <= high:
+        if is_number(given) and not low <= given <= high:
             raise ValueError(f"`{name}={given}` is out of range: give a number from {low:g} to {high:g}.")
 
 
@@ -199,7 +196,7 @@ def check_learning(total_timesteps: Any, log_interval: Any) -> None:
         TypeError: if one is of a wrong kind.
         ValueError: if one is a number that cannot be meant.
     """
-    if not _is_number(total_timesteps):
+    if not is_number(total_timesteps):
         raise TypeError(f"`total_timesteps={total_timesteps!r}` is no number: give that of env steps, such as 10_000.")
     if math.isnan(total_timesteps):
         raise ValueError(f"`total_timesteps={total_timesteps!r}` is no number: give that of env steps, such as 10_000.")
@@ -211,57 +208,8 @@ def check_learning(total_timesteps: Any, log_interval: Any) -> None:
             )
 
 
-def check_policy_kwargs(policy_class: type, given: Mapping[str, Any] | None, inference: Mapping[str, Any]) -> None:
-    """Refuse arguments that a policy or its optimiser does not take, and networks that cannot be built.
-
-    Args:
-        policy_class: the policy.
-        given: its arguments by name, as the user gave them.
-        inference: those that the algorithm gives.
-
-    Raises:
-        TypeError: if a value is of a wrong kind.
-        ValueError: if a name is unknown, with the nearest right one; or a number is too small.
-    """
-    given = given or {}
-    own = {"self", "args", "kwargs", "observation_space", "action_space", "lr_schedule", "task_space", *inference}
-    known = [
-        name
-        for cls in policy_class.__mro__
-        if "__init__" in vars(cls) and cls is not object
-        for name in inspect.signature(vars(cls)["__init__"]).parameters
-        if name not in own
-    ]
-    check_known("policy_kwargs", given, list(dict.fromkeys(known)))
-    if "use_sde" in given:  # SB3 would overwrite it
-        raise ValueError("`policy_kwargs` has ['use_sde']: pass `use_sde=...` to the algorithm itself.")
-    check_values(given)
-    optimizer = given.get("optimizer_class", th.optim.Adam)
-    for name, value in (("optimizer_class", optimizer), ("activation_fn", given.get("activation_fn", th.nn.ReLU))):
-        if not callable(value):
-            raise TypeError(f"`{name}={value!r}` is no class: give one of torch's, such as `torch.nn.ReLU`.")
-    check_values({"policy_kwargs": given.get("optimizer_kwargs")})
-    check_names("optimizer_kwargs", given.get("optimizer_kwargs"), optimizer, {"params", "lr"})
-    _check_net_arch(given.get("net_arch"))
-
-
-def _check_net_arch(net_arch: Any) -> None:
-    nets = {"": net_arch} if not isinstance(net_arch, Mapping) else net_arch
-    if isinstance(net_arch, Mapping) and len(nets) < 2:
-        raise ValueError(f"`net_arch={net_arch!r}` lacks a net: give the layers of the actor, 'pi', and critics, 'qf'.")
-    for key, sizes in nets.items():
-        name = f"net_arch[{key!r}]" if key else "net_arch"
-        if isinstance(net_arch, Mapping) and key not in ("pi", "qf"):
-            raise ValueError(f"`{name}` is unknown: give the layers of the actor as 'pi', and of the critics as 'qf'.")
-        if sizes is None:
-            continue
-        if not isinstance(sizes, list | tuple):
-            raise TypeError(f"`{name}={sizes!r}` is no list: give the size of each layer, such as [256, 256].")
-        for size in sizes:
-            check_whole(name, size, 1)
-
-
-def _is_number(value: Any) -> TypeGuard[float]:
+def is_number(value: Any) -> TypeGuard[float]:
+    """Return whether a value is a number, and neither True nor False."""
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
@@ -279,7 +227,7 @@ def _check_coefficient(name: str, value: Any) -> None:
     kinds = "a number or 'auto'" if name == "target_entropy" else "a number, 'auto' or 'auto_0.1'"
     first = str(value).removeprefix("auto_") if name == "ent_coef" and str(value).startswith("auto_") else None
     try:
-        known = _is_number(value) or value == "auto" or (first is not None and 0 < float(first) < math.inf)
+        known = is_number(value) or value == "auto" or (first is not None and 0 < float(first) < math.inf)
     except ValueError:
         known = False
     if not known:
