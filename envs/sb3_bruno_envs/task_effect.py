@@ -97,7 +97,7 @@ def find_entries_without_effect(env: Env) -> Iterator[int]:
 
 
 def _changed(tasks: NDArray[Any], task: NDArray[Any], i: int) -> list[NDArray[Any]]:
-    """Return a task, and the same but for entry ``i``, which is that of the task where it is furthest."""
+    """Return a task, and a copy whose entry ``i`` is that of the task where it is furthest."""
     other = task.copy()
     other[i] = tasks[np.abs(tasks[:, i] - task[i]).argmax(), i]
     return [task, other]

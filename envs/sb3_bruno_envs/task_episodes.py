@@ -50,7 +50,7 @@ def _actions(env: Env, n: int, seed: int) -> list[Any]:
 
 
 def _held_actions(env: Env, n: int, seed: int, hold: int) -> list[Any]:
-    """Return ``n`` actions, each ``hold`` times in a row; the space's extremes, but for seed 1."""
+    """Return ``n`` actions, each ``hold`` times in a row: the space's extremes, with seed 1 random ones."""
     actions = _actions(env, -(-n // hold), seed)
     space = env.action_space
     if seed > 1 and isinstance(space, Box) and space.is_bounded():
@@ -91,7 +91,7 @@ def _flat(observation: Any) -> NDArray[np.float64]:
 
 
 def alike(episode: Episode, other: Episode, tolerance: float) -> bool:
-    """Return whether two episodes are of one length, and their numbers equal but for a relative ``tolerance``."""
+    """Return whether two episodes have the same length and, up to a relative ``tolerance``, the same numbers."""
     if [part.shape for part in episode] != [part.shape for part in other]:
         return False
     numbers, others = np.concatenate(episode), np.concatenate(other)

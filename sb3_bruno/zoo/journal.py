@@ -1,4 +1,4 @@
-"""The journal file of a study: mended when a worker died in mid-write, and refused when it is damaged elsewhere."""
+"""The journal file of a study: repaired when a worker died in mid-write, and refused when damaged elsewhere."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def check_journal(path: Path) -> None:
                 continue
             if number == 1:
                 raise ValueError("it is no journal of a study, give another name")
-            remedy = f"keep the lines before it by `head -n {number - 1} {path.name} > mended.log`"
+            remedy = f"keep the lines before it by `head -n {number - 1} {path.name} > repaired.log`"
             raise ValueError(f"line {number} is damaged, {remedy}")
 
 

@@ -61,7 +61,7 @@ def test_damage_elsewhere_is_told_with_its_line(where, damage, journal):
     number = {"middle": 2, "end": len(entries)}[where]
     journal.write_bytes(b"".join([*entries[:number], damage, *entries[number:]]))
     damaged = journal.read_bytes()
-    remedy = f"keep the lines before it by `head -n {number} x.log > mended.log`"
+    remedy = f"keep the lines before it by `head -n {number} x.log > repaired.log`"
     with pytest.raises(
         ValueError, match=rf"--storage in/x.log cannot be opened: line {number + 1} is damaged, {remedy}"
     ):
