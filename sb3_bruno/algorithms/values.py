@@ -104,7 +104,7 @@ def check_env(env: object, *, is_loading: bool) -> None:
 
 
 def check_none(given: Mapping[str, Any] | None, takes: Callable[..., Any]) -> None:
-    """Refuse None where it does not stand for a default.
+    """Refuse None where it is neither the default nor named by the annotation.
 
     Args:
         given: arguments by name.
@@ -116,7 +116,7 @@ def check_none(given: Mapping[str, Any] | None, takes: Callable[..., Any]) -> No
     parameters = inspect.signature(takes).parameters
     for name in (name for name, value in (given or {}).items() if value is None and name in parameters):
         default = parameters[name].default
-        if default is not None:
+        if default is not None and "None" not in str(parameters[name].annotation):
             remedy = "give one." if default is inspect.Parameter.empty else f"leave it out for {default!r}."
             raise TypeError(f"`{name}=None` is no value of it: {remedy}")
 
@@ -135,6 +135,8 @@ def check_kinds(given: Mapping[str, Any] | None, takes: Callable[..., Any]) -> N
     defaults = {name: parameter.default for name, parameter in inspect.signature(takes).parameters.items()}
     for name, value in (given or {}).items():
         default = defaults.get(name)
+        if value is None:
+            continue
         if isinstance(default, bool):
             if not isinstance(value, bool | np.bool_):
                 raise TypeError(f"`{name}={value!r}` is neither True nor False: give one of them.")
