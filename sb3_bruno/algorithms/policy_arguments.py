@@ -12,13 +12,16 @@ from sb3_bruno.algorithms.arguments import check_known, check_names
 from sb3_bruno.algorithms.values import check_values, check_whole
 
 
-def check_policy_kwargs(policy_class: type, given: Mapping[str, Any] | None, inference: Mapping[str, Any]) -> None:
+def check_policy_kwargs(
+    policy_class: type, given: Mapping[str, Any] | None, inference: Mapping[str, Any], *, use_sde: bool
+) -> None:
     """Refuse arguments that a policy or its optimiser does not take, and networks that cannot be built.
 
     Args:
         policy_class: the policy.
         given: its arguments by name, as the user gave them.
         inference: those that the algorithm gives.
+        use_sde: the algorithm's own, which SB3 writes into the dict that it was given.
 
     Raises:
         TypeError: if a value is of a wrong kind.
@@ -34,7 +37,7 @@ def check_policy_kwargs(policy_class: type, given: Mapping[str, Any] | None, inf
         if name not in own
     ]
     check_known("policy_kwargs", given, list(dict.fromkeys(known)))
-    if "use_sde" in given:  # SB3 would overwrite it
+    if given.get("use_sde", use_sde) != use_sde:  # SB3 would overwrite it
         raise ValueError("`policy_kwargs` has ['use_sde']: pass `use_sde=...` to the algorithm itself.")
     check_values(given)
     optimizer = given.get("optimizer_class", th.optim.Adam)

@@ -122,7 +122,9 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         }
         policy_class = resolve_policy(policy, self.policy_aliases)
         joined = join_policy_kwargs(kwargs.get("policy_kwargs"), inference)
-        check_policy_kwargs(policy_class, kwargs.get("policy_kwargs"), inference)
+        check_policy_kwargs(
+            policy_class, kwargs.get("policy_kwargs"), inference, use_sde=bool(kwargs.get("use_sde", False))
+        )
         kwargs["policy_kwargs"] = joined
         super().__init__(policy_class, env, *args, **kwargs)
 
