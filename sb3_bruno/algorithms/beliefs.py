@@ -19,7 +19,7 @@ from sb3_bruno.algorithms.reading import read_batch, read_numbers
 from sb3_bruno.algorithms.values import check_whole
 from sb3_bruno.buffers.numbers import check_numbers
 from sb3_bruno.buffers.observed import TransitionArrays, normalize, unnormalize
-from sb3_bruno.encoders import HasPosterior, InfersTask, Outcomes, Predicts, Transitions
+from sb3_bruno.encoders import HasPosterior, InfersTask, Moments, Outcomes, Predicts, PredictsMoments, Transitions
 from sb3_bruno.encoders.abilities import check_ability
 from sb3_bruno.encoders.base import AnyMemory, map_memory
 
@@ -88,15 +88,36 @@ class AgentView:
     ) -> Outcomes:
         """Draw samples of rewards and next observations after ``actions`` at ``observations``."""
         predictor: Predicts = check_ability(self.encoder, Predicts, "`predict_outcomes`")
-        _check_belief(belief)
         check_whole("n_samples", n_samples, 1)
+        question = self._ask(belief, observations, actions, next_observations)
+        with th.no_grad():
+            return self._unnormalize(predictor.outcomes(*question, n_samples))
+
+    def moments(
+        self, belief: TaskBelief, observations: ArrayLike, actions: ArrayLike, next_observations: ArrayLike | None
+    ) -> Moments:
+        """Compute mean and standard deviation of rewards and next observations."""
+        predictor: PredictsMoments = check_ability(self.encoder, PredictsMoments, "`predict_moments`")
+        question = self._ask(belief, observations, actions, next_observations)
+        with th.no_grad():
+            mean, std = predictor.moments(*question)
+            above = self._unnormalize(Outcomes(*(None if m is None else m + s for m, s in zip(mean, std, strict=True))))
+        own = self._unnormalize(mean)
+        return Moments(own, Outcomes(*(None if m is None else a - m for m, a in zip(own, above, strict=True))))
+
+    def _ask(
+        self, belief: TaskBelief, observations: ArrayLike, actions: ArrayLike, next_observations: ArrayLike | None
+    ) -> tuple[AnyMemory, th.Tensor, th.Tensor, th.Tensor | None]:
+        """Show what may follow which belief as the agent observes it: memory, observations, actions, arrivals."""
+        _check_belief(belief)
         arrivals = observations if next_observations is None else next_observations
         batch = tuple(belief.posterior.mean.shape[:-1])
         here = self.observe(observations, actions, np.zeros((*batch, 1)), arrivals, batch=batch)
-        there = None if next_observations is None else here.next_observations
-        with th.no_grad():
-            samples = predictor.outcomes(belief.memory, here.observations, here.actions, there, n_samples)
-        return self._unnormalize(samples)
+        _check_entries({"observations": observations, "actions": actions})  # whose shapes are right
+        if next_observations is None:
+            return belief.memory, here.observations, here.actions, None
+        _check_entries({"next_observations": next_observations})
+        return belief.memory, here.observations, here.actions, here.next_observations
 
     def observe(
         self,
@@ -249,11 +270,31 @@ class BeliefQueries:
             ValueError: if an array has another shape or holds a number that is not finite, or the encoder does not
                 predict.
         """
-        outcomes = self._view.outcomes(belief, observations, actions, next_observations, n_samples)
-        _check_entries({"observations": observations, "actions": actions})  # whose shapes are right
-        if next_observations is not None:
-            _check_entries({"next_observations": next_observations})
-        return outcomes
+        return self._view.outcomes(belief, observations, actions, next_observations, n_samples)
+
+    def predict_moments(
+        self,
+        belief: TaskBelief,
+        observations: ArrayLike,
+        actions: ArrayLike,
+        next_observations: ArrayLike | None = None,
+    ) -> Moments:
+        """Compute mean and standard deviation of reward and next observation in the env's own units, given a belief.
+
+        It draws no samples, so a planner may ask often. A reward that is predicted given where the action led
+        (``condition_on_next``, the default) is None unless that is known.
+
+        Args:
+            belief: from ``infer`` or ``belief``.
+            observations: shape (..., observation_dim), the batch shape of ``belief``.
+            actions: shape (..., action_dim), in the env's units.
+            next_observations: where the actions led, if that is known.
+
+        Raises:
+            ValueError: if an array has another shape or holds a number that is not finite, or the encoder has no
+                closed form, as without a kernel.
+        """
+        return self._view.moments(belief, observations, actions, next_observations)
 
     def task_probabilities(
         self, belief: TaskBelief, tasks: ArrayLike, log_prior: ArrayLike | None = None

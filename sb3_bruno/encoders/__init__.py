@@ -1,6 +1,14 @@
 """Task encoders: from transitions to a belief over the hidden task."""
 
-from sb3_bruno.encoders.abilities import HasPosterior, InfersTask, MeasuresDistance, Outcomes, Predicts
+from sb3_bruno.encoders.abilities import (
+    HasPosterior,
+    InfersTask,
+    MeasuresDistance,
+    Moments,
+    Outcomes,
+    Predicts,
+    PredictsMoments,
+)
 from sb3_bruno.encoders.base import Loss, TaskEncoder, TaskSequences, Transitions
 from sb3_bruno.encoders.bruno import BrunoEncoder
 from sb3_bruno.encoders.checker import check_encoder
@@ -14,8 +22,10 @@ __all__ = [
     "InfersTask",
     "Loss",
     "MeasuresDistance",
+    "Moments",
     "Outcomes",
     "Predicts",
+    "PredictsMoments",
     "RecurrentEncoder",
     "TaskEncoder",
     "TaskSequences",

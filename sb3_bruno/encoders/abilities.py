@@ -31,6 +31,18 @@ class Outcomes(NamedTuple):
         return Outcomes(*(None if samples is None else samples.quantile(q, dim=0) for samples in self))
 
 
+class Moments(NamedTuple):
+    """What is expected to follow an action, and how surely, in data space. Shapes as an average of ``Outcomes`` has.
+
+    Attributes:
+        mean: expected rewards and next observations, (..., 1) and (..., observation_dim).
+        std: their standard deviations, each by itself.
+    """
+
+    mean: Outcomes
+    std: Outcomes
+
+
 @runtime_checkable
 class HasPosterior(Protocol):
     """Tells a probability distribution over what is hidden: for people, videos and logs."""
@@ -69,6 +81,18 @@ class Predicts(Protocol):
 
         Below 0 where the belief expected the transition better than the prior does, far above where the task is
         another.
+        """
+
+
+@runtime_checkable
+class PredictsMoments(Protocol):
+    """Predicts what follows an action by mean and standard deviation, without a sample: for planning."""
+
+    def moments(self, memory: Any, observations: Tensor, actions: Tensor, next_observations: Tensor | None) -> Moments:
+        """Expect what follows ``actions`` at ``observations``, given the transitions absorbed.
+
+        Rewards are None where they are not modelled, and where they are predicted given ``next_observations`` and
+        these are None.
         """
 
 

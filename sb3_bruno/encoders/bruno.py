@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.distributions import Distribution
 from zuko.lazy import Flow
 
-from sb3_bruno.encoders.abilities import Outcomes
+from sb3_bruno.encoders.abilities import Moments, Outcomes
 from sb3_bruno.encoders.base import Loss, TaskEncoder, TaskSequences, Transitions, map_memory
 from sb3_bruno.encoders.bruno_arguments import BeliefForm, Objective, ProcessName, check_choices
 from sb3_bruno.encoders.exchangeable_model import ExchangeableModel
@@ -288,7 +288,19 @@ class BrunoEncoder(TaskEncoder[Any]):
         Raises:
             ValueError: if rewards are predicted given ``next_observations``, and these are None and not modelled.
         """
-        arrives = next_observations is not None
-        there = observations if next_observations is None else next_observations
-        transitions = Transitions(observations, actions, observations.new_zeros(*observations.shape[:-1], 1), there)
-        return self.model.outcomes(memory, transitions, arrives, n_samples)
+        return self.model.outcomes(memory, *_unrewarded(observations, actions, next_observations), n_samples)
+
+    def moments(self, memory: Any, observations: Tensor, actions: Tensor, next_observations: Tensor | None) -> Moments:
+        """Compute mean and standard deviation of what follows an action, without a sample. Shapes (..., dim)
+
+        Raises:
+            ValueError: if the process has no kernel.
+        """
+        return self.model.moments(memory, *_unrewarded(observations, actions, next_observations))
+
+
+def _unrewarded(observations: Tensor, actions: Tensor, next_observations: Tensor | None) -> tuple[Transitions, bool]:
+    """Join what is known to transitions, whose rewards nobody reads, and say whether next observations are known."""
+    arrives = next_observations is not None
+    there = observations if next_observations is None else next_observations
+    return Transitions(observations, actions, observations.new_zeros(*observations.shape[:-1], 1), there), arrives

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 import torch as th
 from torch import Tensor
 from zuko.lazy import Flow
 
-from sb3_bruno.encoders.abilities import Outcomes
+from sb3_bruno.encoders.abilities import Moments, Outcomes
 from sb3_bruno.encoders.base import Transitions
 from sb3_bruno.encoders.latents import LatentModel, Seen, check_arrives
 from sb3_bruno.encoders.variables import Variables
@@ -17,6 +18,10 @@ from sb3_bruno.maths.features import FeatureNetwork
 from sb3_bruno.maths.flow import ConditionalFlow
 from sb3_bruno.maths.kernel_process import KernelGaussian
 from sb3_bruno.maths.kernel_statistics import Features
+
+_NOTHING = (None, None)
+N_NODES = 32
+"""Points of the Gauss-Hermite quadrature that takes the moments of a reward through its flow."""
 
 
 class KernelModel(LatentModel):
@@ -106,3 +111,28 @@ class KernelModel(LatentModel):
             z = process.sample(memory, self._of_reward(x), 1 if follows else n_samples)
             rewards = variables.rewards.inverse(self.flow.inverse(z.squeeze(0) if follows else z, x))
         return Outcomes(rewards, arrivals)
+
+    def moments(self, memory: Any, transitions: Transitions, arrives: bool) -> Moments:
+        """Take next observations from the process in closed form, and rewards through the flow by quadrature.
+
+        Next observations are those of an affine map, as it is within 10 standard deviations of the data. A Student-t
+        predictive counts as the normal of its moments, where a flow follows.
+        """
+        variables, process = self.variables, self.process
+        rewards, arrivals = _NOTHING, _NOTHING
+        if variables.change_dim:
+            values = variables(transitions)
+            features = self._of_change(values.here)
+            mean, var = process.predictive_moments(memory, features)
+            arrivals = (transitions.observations + variables.changes.inverse(mean), var.sqrt() * variables.changes.std)
+            memory = process.absorb(memory, features, values.changes) if arrives else memory
+        if variables.reward_dim and (arrives or not variables.there_dim):
+            x = variables(transitions).x
+            mean, var = process.predictive_moments(memory, self._of_reward(x))
+            nodes, weights = (mean.new_tensor(column) for column in np.polynomial.hermite_e.hermegauss(N_NODES))
+            at_nodes = (nodes.reshape(-1, *[1] * mean.ndim) * var.sqrt() + mean, x.expand(N_NODES, *x.shape))
+            y = variables.rewards.inverse(self.flow.inverse(*at_nodes)).movedim(0, -1)
+            weights = weights / weights.sum()
+            expected = y @ weights
+            rewards = (expected, ((y - expected.unsqueeze(-1)).square() @ weights).sqrt())
+        return Moments(*(Outcomes(*column) for column in zip(rewards, arrivals, strict=True)))

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from torch import Tensor, nn
 
-from sb3_bruno.encoders.abilities import Outcomes
+from sb3_bruno.encoders.abilities import Moments, Outcomes
 from sb3_bruno.encoders.base import Transitions
 from sb3_bruno.encoders.variables import Variables
 from sb3_bruno.maths.kernel_statistics import Features
@@ -61,6 +61,14 @@ class LatentModel(nn.Module, ABC):
             arrives: whether next observations are known.
             n_samples: number of samples.
         """
+
+    def moments(self, memory: Any, transitions: Transitions, arrives: bool) -> Moments:
+        """Compute mean and standard deviation of y given the memory, (..., dim). Arguments as of ``outcomes``.
+
+        Raises:
+            ValueError: if the model knows no closed form.
+        """
+        raise ValueError("Moments in closed form need a process with a kernel: draw samples by `predict_outcomes`.")
 
 
 def check_arrives(arrives: bool) -> None:

@@ -91,6 +91,25 @@ def test_outcomes_come_in_the_envs_own_units(normalize):
     assert outcomes.mean().rewards.shape == outcomes.quantile(0.9).rewards.shape == (1,)
 
 
+@pytest.mark.parametrize("normalize", [False, True])
+def test_moments_come_in_the_envs_own_units(normalize):
+    model = make_model(normalize, flow_class=None, flow_kwargs=None)
+    rng = np.random.default_rng(0)
+    belief = model.infer(Transitions(*(rng.normal(size=(4, 6, dim)) for dim in (3, 1, 1, 3))))
+    here, action, there = (rng.normal(size=(4, dim)) for dim in (3, 1, 3))
+    for known in (None, there):
+        mean, std = model.predict_moments(belief, here, action, known)
+        samples = model.predict_outcomes(belief, here, action, known, n_samples=20_000)
+        drawn = samples.next_observations
+        assert (mean.rewards is None) == (known is None)
+        np.testing.assert_allclose((mean.next_observations - drawn.mean(dim=0)) / drawn.std(dim=0), 0, atol=0.05)
+        np.testing.assert_allclose(std.next_observations / drawn.std(dim=0), 1, rtol=0.05)
+    np.testing.assert_allclose((mean.rewards - samples.rewards.mean(dim=0)) / samples.rewards.std(dim=0), 0, atol=0.05)
+    np.testing.assert_allclose(std.rewards / samples.rewards.std(dim=0), 1, rtol=0.05)
+    with pytest.raises(ValueError, match="`actions`"):
+        model.predict_moments(belief, here, np.full((4, 1), np.nan))
+
+
 def test_candidate_tasks_are_probable_as_their_likelihood_and_their_prior_say():
     env = make_vec_env("sb3_bruno_envs:PointDir-v0", 2, seed=0)
     model = BrunoSAC("MlpPolicy", env, seed=0, learning_starts=50, policy_kwargs={"net_arch": [16]}).learn(80)

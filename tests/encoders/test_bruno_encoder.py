@@ -208,6 +208,39 @@ def test_rewards_follow_from_next_observations_that_were_drawn():
         assert (added - encoder.process.squared_mahalanobis(memory)).mean().item() == pytest.approx(4.0, abs=0.1)
 
 
+@pytest.mark.parametrize("process", ["kernel", "kernel_student_t"])
+@pytest.mark.parametrize("flow_class", [None, "spline"])
+def test_moments_are_those_of_many_samples(process, flow_class):
+    encoder = encoder_of(modelled="both", process=process, flow_class=flow_class, flow_kwargs=None)
+    memory = last(encoder.prefixes(transitions_of(7)))
+    observation, action, there = (th.full((dim,), 0.3, dtype=th.float64) for dim in (3, 2, 3))
+    with th.no_grad():
+        samples = encoder.outcomes(memory, observation, action, None, 40_000).next_observations
+        mean, std = encoder.moments(memory, observation, action, None)
+        assert mean.rewards is None and std.rewards is None  # for want of s'
+        np.testing.assert_allclose((mean.next_observations - samples.mean(dim=0)) / samples.std(dim=0), 0, atol=0.03)
+        np.testing.assert_allclose(std.next_observations / samples.std(dim=0), 1, rtol=0.05)
+        rewards = encoder.outcomes(memory, observation, action, there, 40_000).rewards
+        mean, std = encoder.moments(memory, observation, action, there)
+    np.testing.assert_allclose((mean.rewards - rewards.mean(dim=0)) / rewards.std(dim=0), 0, atol=0.03)
+    np.testing.assert_allclose(std.rewards / rewards.std(dim=0), 1, rtol=0.05)
+
+
+def test_moments_of_batches_and_of_a_process_without_a_kernel():
+    encoder = encoder_of(modelled="rewards")
+    memories = encoder.prefixes(transitions_of(7))
+    columns = (transitions_of(8).observations, transitions_of(8).actions, transitions_of(8).next_observations)
+    with th.no_grad():
+        mean, std = encoder.moments(memories, *columns)
+        alone = encoder.moments(map_memory(lambda states: states[3], memories), *(column[3] for column in columns))
+    assert mean.rewards.shape == std.rewards.shape == (8, 1) and mean.next_observations is None
+    np.testing.assert_allclose(mean.rewards[3], alone.mean.rewards)
+    np.testing.assert_allclose(std.rewards[3], alone.std.rewards)
+    encoder = encoder_of(process="gaussian")
+    with pytest.raises(ValueError, match="need a process with a kernel"):
+        encoder.moments(encoder.empty((8,)), *columns)
+
+
 @pytest.mark.parametrize(
     "bad",
     [
