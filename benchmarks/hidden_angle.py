@@ -9,8 +9,7 @@ the mean return of each seed. A run that is already in the JSON file of ``--out`
 from __future__ import annotations
 
 import argparse
-import json
-import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +18,12 @@ import numpy as np
 import torch as th
 from gymnasium.spaces import Box
 from gymnasium.wrappers import TransformObservation
+from kept_runs import KeptRuns, Row
 from stable_baselines3 import SAC
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from sb3_bruno import RecurrentSAC
-from sb3_bruno.evaluation import library_versions
 from sb3_bruno_envs import MetaTask, TransitionObservation
 
 N_ENVS = 4
@@ -70,14 +69,14 @@ def agents() -> dict[str, tuple[type[SAC], dict[str, Any], dict[str, Any]]]:
     return found
 
 
-def run(name: str, seed: int, n_timesteps: int) -> float:
-    """Train an agent; return its mean return in the test."""
+def run(name: str, seed: int, n_timesteps: int) -> Row:
+    """Train an agent, and test it."""
     algorithm, more, env_kwargs = agents()[name]
     env = make_vec_env(swing_up, N_ENVS, seed=seed, env_kwargs=env_kwargs)
     model = algorithm("MlpPolicy", env, seed=seed, device="cpu", **SETTINGS, **more).learn(n_timesteps)
     test = make_vec_env(swing_up, N_TESTS, seed=10_000, env_kwargs=env_kwargs)
     mean, _ = evaluate_policy(model, test, n_eval_episodes=N_TESTS)
-    return float(np.mean(mean))
+    return {"return": float(np.mean(mean))}
 
 
 def main() -> None:
@@ -89,27 +88,15 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="folder for hidden_angle.json and .md")
     options = parser.parse_args()
     th.set_num_threads(1)
-    path = None if options.out is None else options.out / "hidden_angle.json"
-    returns: dict[str, dict[str, float]] = {}
-    if path is not None and path.is_file():
-        returns = json.loads(path.read_text())["returns"]
-    about = {"command": " ".join(["python", *sys.argv]), "steps": options.steps, "versions": library_versions()}
+    kept = KeptRuns(options.out, "hidden_angle", steps=options.steps)
     for seed in options.seeds:
         for name in options.agents:
-            of_agent = returns.setdefault(name, {})
-            if str(seed) not in of_agent:
-                of_agent[str(seed)] = run(name, seed, options.steps)
-                print(f"{name}, seed {seed}: {of_agent[str(seed)]:.0f}", flush=True)
-            if path is not None:
-                path.write_text(json.dumps({**about, "returns": returns}, indent=1) + "\n")
+            kept.make(name, seed, partial(run, name, seed, options.steps))
     lines = ["| agent | mean return | by seed |", "|---|---|---|"]
-    for name, of_agent in returns.items():
-        seeds = ", ".join(f"{value:.0f}" for value in of_agent.values())
-        lines.append(f"| {name} | {np.mean(list(of_agent.values())):.0f} | {seeds} |")
-    print("\n".join(lines))
-    if path is not None:
-        made_by = f"\n\nAfter {options.steps:,} steps. Made by `{about['command']}`, {about['versions']}.\n"
-        path.with_suffix(".md").write_text("\n".join(lines) + made_by)
+    for name, by_seed in kept.rows.items():
+        returns = [row["return"] for row in by_seed.values()]
+        lines.append(f"| {name} | {np.mean(returns):.0f} | {', '.join(f'{value:.0f}' for value in returns)} |")
+    kept.write_table(lines, f"After {options.steps:,} steps.")
 
 
 if __name__ == "__main__":

@@ -15,9 +15,6 @@ environment of its own, and name it by ``--families``.
 from __future__ import annotations
 
 import argparse
-import json
-import shlex
-import sys
 from collections.abc import Callable
 from functools import partial
 from operator import itemgetter
@@ -29,12 +26,13 @@ import numpy as np
 import torch as th
 from encoder_alone import explained
 from gymnasium.spaces import Box
+from kept_runs import KeptRuns, Row
 from numpy.typing import NDArray
 from stable_baselines3 import SAC
 from stable_baselines3.common.env_util import make_vec_env
 
 from sb3_bruno import BrunoSAC, Transitions
-from sb3_bruno.evaluation import AdaptationResult, library_versions
+from sb3_bruno.evaluation import AdaptationResult
 from sb3_bruno.evaluation.episodes import Episode, pad_episodes, play_episodes
 from sb3_bruno_envs import MetaTask, TaskObservation, TaskSet, TransitionObservation
 
@@ -45,7 +43,6 @@ SETTINGS: dict[str, Any] = {
     "gradient_steps": 4,  # for the steps of eight environments
     "gamma": 0.95,
 }
-Rows = dict[str, dict[str, float]]
 PAPER = {"process": "gaussian", "flow_class": "paper_maf", "objective": "paper", "belief": "mean_var"}
 AGENTS: dict[str, dict[str, Any]] = {
     "BrunoSAC": {},
@@ -100,7 +97,7 @@ FAMILIES: dict[str, Callable[[str, str], gym.Env[Any, Any]]] = {
 }
 
 
-def run(family: str, agent: str, seed: int, n_timesteps: int) -> dict[str, float]:
+def run(family: str, agent: str, seed: int, n_timesteps: int) -> Row:
     """Train an agent and test it on tasks that it was not trained on."""
     make = partial(FAMILIES[family], agent)
     env = make_vec_env(lambda: make("train"), N_ENVS, seed=seed)
@@ -135,7 +132,7 @@ def _belief(model: BrunoSAC, episode: Episode) -> NDArray[np.float32]:
     return model.infer(Transitions(*(column[:N_SEEN] for column in columns))).mean
 
 
-def table(runs: dict[str, Rows]) -> list[str]:
+def table(runs: dict[str, dict[str, Row]]) -> list[str]:
     """Write a row for each family and agent: medians, and the seeds' last rewards."""
     lines = [
         f"| environment | agent | return | last reward | by seed | explained after {N_SEEN} | steps |",
@@ -156,21 +153,6 @@ def table(runs: dict[str, Rows]) -> list[str]:
     return lines
 
 
-def known(path: Path | None, n_timesteps: int) -> dict[str, Rows]:
-    """Read the runs that were made before.
-
-    Raises:
-        ValueError: if they were of other lengths.
-    """
-    if path is None or not path.is_file():
-        return {}
-    before = json.loads(path.read_text())
-    if before["steps"] != n_timesteps:
-        raise ValueError(f"{path} holds runs of {before['steps']} steps, not of {n_timesteps}: choose another `--out`.")
-    runs: dict[str, Rows] = before["runs"]
-    return runs
-
-
 def main() -> None:
     """Parse the command line, and make the runs that are missing."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
@@ -181,29 +163,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="folder for untuned.json and .md")
     options = parser.parse_args()
     th.set_num_threads(1)
-    path = None if options.out is None else options.out / "untuned.json"
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    runs = known(path, options.steps)
-    about = {"command": shlex.join(["python", *sys.argv]), "steps": options.steps, "versions": library_versions()}
+    kept = KeptRuns(options.out, "untuned", steps=options.steps)
     for seed in options.seeds:
         for family in options.families:
             for agent in options.agents:
-                by_seed = runs.setdefault(f"{family} / {agent}", {})
-                if str(seed) not in by_seed:
-                    by_seed[str(seed)] = run(family, agent, seed, options.steps)
-                    print(f"{family}, {agent}, seed {seed}: {by_seed[str(seed)]}", flush=True)
-                if path is not None:
-                    for name, others in known(
-                        path, options.steps
-                    ).items():  # another process may have made some meanwhile
-                        runs[name] = others | runs.get(name, {})
-                    path.write_text(json.dumps({**about, "runs": runs}, indent=1) + "\n")
-    lines = table(runs)
-    print("\n".join(lines))
-    if path is not None:
-        made_by = f"\n\nMedians after {options.steps:,} steps. Made by `{about['command']}`, {about['versions']}.\n"
-        path.with_suffix(".md").write_text("\n".join(lines) + made_by)
+                kept.make(f"{family} / {agent}", seed, partial(run, family, agent, seed, options.steps))
+    kept.write_table(table(kept.rows), f"Medians after {options.steps:,} steps.")
 
 
 if __name__ == "__main__":

@@ -40,6 +40,20 @@ def test_belief_choices_writes_a_row_for_every_choice(tmp_path):
     assert (tmp_path / "belief_choices.md").read_text().count("| kernel_student_t |") == 2
 
 
+def test_belief_quality_compares_encoders_and_keeps_its_runs(tmp_path):
+    short = ["--families", "PointDir-v0", "--encoders", "bruno", "--seeds", "1", "2", "--updates", "20"]
+    command = [*short, "--episodes", "40", "--out", str(tmp_path)]
+    run("belief_quality.py", *command)
+    (by_seed,) = json.loads((tmp_path / "belief_quality.json").read_text())["runs"].values()
+    for row in by_seed.values():
+        assert abs(row["after 0"]) < 0.05 < row["after 100"] <= 1
+        assert row["after 100, shuffled"] == pytest.approx(row["after 100"], abs=0.01)  # whatever their order
+    assert "seed" not in run("belief_quality.py", *command)
+    assert (tmp_path / "belief_quality.png").exists() and "| PointDir-v0 | bruno |" in (
+        tmp_path / "belief_quality.md"
+    ).read_text()
+
+
 def test_untuned_keeps_its_runs_and_takes_none_of_another_length(tmp_path):
     command = ["--seeds", "1", "--families", "PointRotation-v0", "--agents", "BrunoSAC", "--out", str(tmp_path / "new")]
     first = run("untuned.py", *command, "--steps", "808")
@@ -53,3 +67,11 @@ def test_untuned_keeps_its_runs_and_takes_none_of_another_length(tmp_path):
     }
     with pytest.raises(subprocess.CalledProcessError):
         run("untuned.py", *command, "--steps", "816")
+
+
+def test_hidden_angle_keeps_its_runs(tmp_path):
+    command = ["--agents", "SAC", "--seeds", "1", "--steps", "820", "--out", str(tmp_path)]
+    run("hidden_angle.py", *command)
+    kept = json.loads((tmp_path / "hidden_angle.json").read_text())
+    assert kept["runs"]["SAC"]["1"]["return"] < 0 and kept["commits"]["SAC"].keys() == {"1"}
+    assert "seed" not in run("hidden_angle.py", *command).split("|")[0]
