@@ -3,13 +3,13 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.spaces import Box, Discrete
-from gymnasium.wrappers import FlattenObservation
+from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Sequence, Tuple, flatten
+from gymnasium.wrappers import FlattenObservation, TimeLimit
 from hypothesis import given
 from hypothesis import strategies as st
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
-from sb3_bruno_envs import MetaTask, PointDirEnv, TaskObservation, TransitionObservation
+from sb3_bruno_envs import MetaTask, PointDirEnv, TaskObservation, TransitionObservation, Trial
 
 
 class Still(gym.Env):
@@ -30,6 +30,24 @@ class Still(gym.Env):
 
     def _zeros(self):
         return np.zeros(self.observation_space.shape, self.observation_space.dtype)
+
+
+NESTED = Dict(
+    {
+        "velocity": Box(-2.0, 2.0, (2,), dtype=np.float64),
+        "mode": Discrete(3, start=5),
+        "arm": Dict({"joints": Box(0.0, np.inf, (2, 2)), "touch": MultiBinary(2)}),
+        "pair": Tuple((MultiDiscrete([2, 3]), Box(-1, 1, (1,), dtype=np.int8))),
+    }
+)
+
+
+class Sampling(Still):
+    """Draws each observation from its space, and shows what it drew last."""
+
+    def _zeros(self):
+        self.drawn = self.observation_space.sample()
+        return self.drawn
 
 
 def set_gravity(pendulum, task):
@@ -122,10 +140,41 @@ def test_an_observation_is_a_copy():
     assert env.step(np.zeros(2))[0]["observation"].max() < 1.0
 
 
+@pytest.mark.parametrize(
+    "space",
+    [Discrete(3), Discrete(4, start=-2), MultiDiscrete([2, 3]), MultiDiscrete([[2, 2]]), MultiBinary(4), NESTED],
+)
+def test_other_spaces_are_flattened_as_gymnasium_does_it(space):
+    bare = Sampling(space)
+    env = TransitionObservation(Trial(TimeLimit(bare, 2), 2))
+    shown = env.observation_space["observation"]
+    observation, _ = env.reset(seed=0)
+    for step in range(3):
+        assert shown.contains(observation["observation"])
+        np.testing.assert_array_equal(observation["observation"], np.float32(flatten(space, bare.drawn)))
+        observation, _, _, _, info = env.step(np.zeros(2))
+        assert ("trial_final_observation" in info) == (step == 1)
+        if step == 1:
+            assert shown.contains(info["trial_final_observation"])
+    oracle = TaskObservation(MetaTask(Sampling(space), lambda env, task: None, [[7.0]]))
+    told, _ = oracle.reset(seed=0)
+    assert oracle.observation_space.contains(told) and told[-1] == 7 and told.shape == (shown.shape[0] + 1,)
+    sb3_check_env(TransitionObservation(Sampling(space)), skip_render_check=True)
+
+
 @pytest.mark.parametrize("wrapper", [TransitionObservation, lambda env: TaskObservation(MetaTask(env))])
-@pytest.mark.parametrize("space", [Discrete(3), Box(0, 255, (8, 8, 3), dtype=np.uint8)])
-def test_observations_that_are_no_vector_are_refused(wrapper, space):
-    with pytest.raises(ValueError, match=r"observation_space=.* is (no Box|an image)"):
+@pytest.mark.parametrize(
+    ("space", "named"),
+    [
+        (Box(0, 255, (8, 8, 3), dtype=np.uint8), r"observation_space=.* is an image"),
+        (Dict({"eye": Dict({"left": Box(0, 255, (4, 4), dtype=np.uint8)})}), r"\['eye'\]\['left'\]=.* is an image"),
+        (Sequence(Box(0, 1, (2,))), r"observation_space=.* has no fixed size"),
+        (Dict({"found": Sequence(Discrete(2))}), r"observation_space=.* has no fixed size"),
+        (Dict({}), r"observation_space=.* has no fixed size"),
+    ],
+)
+def test_observations_that_are_no_vector_are_refused(wrapper, space, named):
+    with pytest.raises(ValueError, match=named):
         wrapper(Still(space))
 
 
