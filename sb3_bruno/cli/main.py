@@ -13,22 +13,12 @@ import sb3_bruno
 from sb3_bruno.cli.evaluate import diagnose, evaluate, plot
 from sb3_bruno.cli.mistake import Mistake
 from sb3_bruno.cli.report import report
+from sb3_bruno.cli.sweep import sweep
 from sb3_bruno.cli.train import train
 from sb3_bruno.cli.watch import enjoy, record_video
 
 INTERRUPTED = 130  # the exit code that shells give a command that Ctrl-C ended
 Arguments = list[str]
-
-
-def sweep(arguments: Arguments) -> None:
-    """Search hyperparameters with Optuna, by any number of workers on one machine or many."""
-    from sb3_bruno.cli.sweep import sweep as run
-    from sb3_bruno.zoo.registry import register
-
-    register()
-    run(arguments)
-
-
 COMMANDS: dict[str, Callable[[Arguments], None]] = {
     "train": train,
     "enjoy": enjoy,

@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 
 from sb3_bruno.cli.mistake import Mistake, told_as_mistake
-from sb3_bruno.cli.upstream import DEFAULTS, Arguments, asks_for_help, call, choose_env, own_parser, replaced
+from sb3_bruno.cli.upstream import DEFAULTS, Arguments, call, choose_env, own_parser, replaced
+from sb3_bruno.cli.upstream_help import exit_with_help
 from sb3_bruno.cli.values import whole_number
 
 CHECKPOINT_FREQ = 25_000  # env steps
@@ -32,7 +33,7 @@ def train(arguments: Arguments) -> None:
         help=f"env steps between checkpoints, 0: none (default: {CHECKPOINT_FREQ})",
     )
     own, rest = parser.parse_known_args(arguments)
-    wants_help = asks_for_help(parser, rest)
+    exit_with_help(parser, rest, "train")
 
     import rl_zoo3.train
 
@@ -42,8 +43,6 @@ def train(arguments: Arguments) -> None:
     from sb3_bruno.zoo.registry import check_registered, import_packages, register
 
     register()
-    if wants_help:
-        call(rl_zoo3.train.train, "train", ["--help"])
     resume_from = own.resume
     if resume_from is not None:
         given = [*rest, *([] if own.checkpoint_freq is None else [f"--checkpoint-freq {own.checkpoint_freq}"])]

@@ -38,17 +38,8 @@ class Chosen(NamedTuple):
 
 
 def own_parser(name: str, command: Callable[[Arguments], None]) -> Parser:
-    """Make a parser of our flags alone; ``--help`` is left to ``help_with``."""
+    """Make a parser of our flags alone; ``--help`` is left to ``exit_with_help``."""
     return command_parser(name, command, add_help=False, allow_abbrev=False)
-
-
-def asks_for_help(parser: Parser, rest: Arguments) -> bool:
-    """Print our flags if ``--help`` is among the rest. rl_zoo3's are to be printed after them."""
-    if not {"-h", "--help"} & set(rest):
-        return False
-    parser.print_help()
-    print(f"\nand the flags of rl_zoo3 (with our defaults: {DEFAULTS}):\n", flush=True)
-    return True
 
 
 def choose_env(arguments: Sequence[str], defaults: dict[str, str]) -> Chosen:

@@ -13,13 +13,13 @@ from sb3_bruno.cli.upstream import (
     DEFAULTS,
     Arguments,
     Chosen,
-    asks_for_help,
     call,
     choose_env,
     own_parser,
     replaced,
     run_script,
 )
+from sb3_bruno.cli.upstream_help import exit_with_help
 from sb3_bruno.cli.values import whole_number
 
 
@@ -28,15 +28,13 @@ def enjoy(arguments: Arguments) -> None:
 
     example: sb3-bruno enjoy --algo bruno_sac --env CheetahDir-v0 -f logs -n 400
     """
-    wants_help = asks_for_help(own_parser("enjoy", enjoy), arguments)
+    exit_with_help(own_parser("enjoy", enjoy), arguments, "enjoy")
 
     import rl_zoo3.enjoy
 
     from sb3_bruno.zoo.registry import register
 
     register()
-    if wants_help:
-        call(rl_zoo3.enjoy.enjoy, "enjoy", ["--help"])
     chosen, exists = _as_trained(choose_env(arguments, {**DEFAULTS, "-f": "logs"}))
     parser = Parser("sb3-bruno enjoy", add_help=False)
     parser.add_argument("--no-render", action="store_true")
@@ -51,13 +49,11 @@ def record_video(arguments: Arguments) -> None:
 
     example: sb3-bruno record-video --algo bruno_sac --env CheetahDir-v0 -f logs -n 400
     """
-    wants_help = asks_for_help(own_parser("record-video", record_video), arguments)
+    exit_with_help(own_parser("record-video", record_video), arguments, "record_video")
 
     from sb3_bruno.zoo.registry import register
 
     register()
-    if wants_help:
-        call(_rl_zoo3_record_video, "record-video", ["--help"])
     chosen, _ = _as_trained(choose_env(arguments, {**DEFAULTS, "-f": "logs"}))
     call(_rl_zoo3_record_video, "record-video", [*chosen.rest, "--env", chosen.env])
 

@@ -11,8 +11,10 @@ from typing import BinaryIO
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
 from optuna.storages.journal._file import BaseJournalFileLock
+from optuna.storages.journal._storage import JournalOperation
 
 START = b'{"op_code":'  # of every entry; an entry is a line
+OPERATIONS = frozenset(JournalOperation)  # those that this version of Optuna knows
 GRACE = 10  # seconds, after which a lock of Optuna's that nobody releases is taken over
 
 
@@ -125,7 +127,8 @@ def cut_torn_entry(file: BinaryIO) -> None:
 
 def _is_entry(line: bytes) -> bool:
     try:
-        return line.endswith(b"\n") and isinstance(json.loads(line)["op_code"], int)
+        code = json.loads(line)["op_code"]
+        return line.endswith(b"\n") and type(code) is int and code in OPERATIONS
     except (ValueError, TypeError, KeyError):
         return False
 

@@ -82,6 +82,18 @@ def check_algorithm(algo: str) -> None:
         raise ValueError(f"--algo {algo} is unknown: {remedy}")
 
 
+def check_searchable(algo: str) -> None:
+    """Refuse an algorithm that is unknown, or has no search space.
+
+    Raises:
+        ValueError: naming the nearest, or those that can be searched.
+    """
+    check_algorithm(algo)
+    if algo not in HYPERPARAMS_SAMPLER:
+        remedy = ", ".join(sorted(HYPERPARAMS_SAMPLER.keys() & rl_zoo3.ALGOS))
+        raise ValueError(f"--algo {algo} has no search space: give one of {remedy}")
+
+
 def check_registered(env_id: str) -> None:
     """Refuse an environment that nobody has registered.
 

@@ -69,7 +69,17 @@ class SweepExperiment(TaskExperiment):
         return super().create_envs(n_envs, eval_env, no_log=True)
 
     def check(self) -> None:
-        """Make a model once, so that a mistake shows before any worker starts. What it raises is raised as it is."""
+        """Make a model once, so that a mistake shows before any worker starts. What it raises is raised as it is.
+
+        Raises:
+            ValueError: if a trial is too short for its evaluations.
+        """
+        most = self.n_timesteps // self.n_envs
+        if self.n_evaluations > most:
+            raise ValueError(
+                f"--n-evaluations {self.n_evaluations}: a trial of -n {self.n_timesteps} has time for {most}, one per "
+                f"step of {self.n_envs} environments: give fewer, or a larger -n"
+            )
         env = self.create_envs(1)
         try:
             rl_zoo3.ALGOS[self.algo](env=env, device="cpu", **self._hyperparams)

@@ -2,7 +2,6 @@
 
 import importlib.util
 import os
-import subprocess
 import sys
 
 import pytest
@@ -191,23 +190,6 @@ def test_a_run_that_goes_on_takes_no_other_flags(run, told, tmp_path):
 def test_a_number_may_be_written_short(run, tmp_path):
     assert run(*tiny("--eval-freq", -1, steps="1e2"))[1] == ""
     assert run("train", "--env", "PointDir-v0", "-conf", "none", "-n", "1e2")[1].count("-conf none")
-
-
-def test_nobody_waits_for_torch_to_be_told_how_to_call_it():
-    script = (
-        "import sys\n"
-        "from sb3_bruno.cli.main import main\n"
-        "commands = [[name, '--help'] for name in ('evaluate', 'diagnose', 'plot', 'report')]\n"
-        "for arguments in (['--help'], ['--version'], ['trian'], ['evaluate', '--steps', '0'], *commands):\n"
-        "    try:\n"
-        "        main(arguments)\n"
-        "    except SystemExit:\n"
-        "        pass\n"
-        "sys.exit('torch' in sys.modules or 'rl_zoo3' in sys.modules)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "sb3-bruno 0.1.0" in done.stdout
 
 
 def test_a_misspelt_command_is_told_the_nearest(run):

@@ -171,6 +171,20 @@ def test_what_a_command_of_a_sweep_does_not_know_is_one_line(arguments, line, ca
     assert told.startswith(line) and "\n" not in told
 
 
+def test_a_trial_too_short_for_its_evaluations_is_one_line(folder):
+    line = "--n-evaluations 16: a trial of -n 120 has time for 15, one per step of 8 environments: give fewer"
+    with pytest.raises(SystemExit, match=line):
+        main([*INIT, "--n-evaluations", "16"])
+    assert not (folder / "x.log").exists()
+    main([*INIT, "--n-evaluations", "15"])
+
+
+@pytest.mark.parametrize(("algo", "line"), [("bruno_sacc", "did you mean"), ("crossq", "has no search space")])
+def test_an_algorithm_that_cannot_be_searched_is_one_line(algo, line):
+    with pytest.raises(SystemExit, match=f"--algo {algo} .*{line}"):
+        main([*INIT, "--algo", algo])
+
+
 def test_a_study_is_not_overwritten_by_what_is_read_from_it(folder):
     study_of_another(with_settings=True)
     before = (folder / "x.log").read_bytes()

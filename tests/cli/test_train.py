@@ -15,7 +15,7 @@ from moviepy import VideoFileClip
 from stable_baselines3.common.monitor import load_results
 
 from sb3_bruno import BrunoSAC, RecurrentEncoder
-from sb3_bruno.cli.main import COMMANDS, main
+from sb3_bruno.cli.main import main
 from sb3_bruno.diagnostics.result import Diagnostics
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.eval_callback import load_learning_curve
@@ -262,15 +262,3 @@ def test_a_mistake_is_one_line_and_leaves_no_folder(run, tmp_path, arguments, li
     _, mistake = run(*arguments)
     assert line in mistake and "\n" not in mistake
     assert not list(tmp_path.rglob("PointDir*"))
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_explains_itself(run, command):
-    printed, _ = run(command, "--help")
-    assert f"example: sb3-bruno {command}" in printed
-    assert ("--out" if command == "report" else "--env") in printed
-
-
-def test_help_names_every_command(run):
-    printed, mistake = run("--help")
-    assert mistake == "0" and all(f"  {command} " in printed for command in COMMANDS)

@@ -54,7 +54,20 @@ def test_a_worker_that_died_in_its_first_entry_leaves_an_empty_journal(journal):
     assert optuna.create_study(study_name="s", storage=open_storage("in/x.log")).trials == []
 
 
-@pytest.mark.parametrize("damage", [b'{"op_code":5,"wor{"op_code":4}\n', b"garbage\n", b"[]\n", b"7\n", b"{}\n", b"\n"])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        b'{"op_code":5,"wor{"op_code":4}\n',
+        b"garbage\n",
+        b"[]\n",
+        b"7\n",
+        b"{}\n",
+        b"\n",
+        b'{"op_code":99}\n',
+        b'{"op_code":true}\n',
+        b'{"op_code":[]}\n',
+    ],
+)
 @pytest.mark.parametrize("where", ["middle", "end"])
 def test_damage_elsewhere_is_told_with_its_line(where, damage, journal):
     entries = journal.read_bytes().splitlines(keepends=True)
