@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,9 @@ class AdaptationResult:
         versions: the versions of the libraries that made the result.
 
     Raises:
-        ValueError: if the shapes disagree, a reward is infinite or follows a NaN, or ``config`` is not JSON.
+        TypeError: if tasks or rewards are no numbers, or ``seed`` or ``versions`` are of a wrong kind.
+        ValueError: if the shapes disagree, a task is not finite, a reward is infinite or follows a NaN, or ``config``
+            is not JSON.
     """
 
     tasks: Floats
@@ -41,12 +44,15 @@ class AdaptationResult:
     versions: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        _check_kinds(self)
         object.__setattr__(self, "tasks", np.asarray(self.tasks, dtype=np.float64))
         object.__setattr__(self, "rewards", np.asarray(self.rewards, dtype=np.float32))
         object.__setattr__(self, "config", _as_json(self.config))
         _check_shapes(self.tasks, self.rewards)
         ended = np.isnan(self.rewards)
         reborn = ended[..., :-1] & ~ended[..., 1:]
+        if not np.isfinite(self.tasks).all():
+            raise ValueError("tasks must be finite numbers: check the environment.")
         if ended[..., 0].any() or reborn.any() or np.isinf(self.rewards).any():
             raise ValueError("rewards must be finite, and NaN only after an episode's end: check the environment.")
 
@@ -170,7 +176,23 @@ class AdaptationResult:
         try:
             return cls(**json.loads(Path(path).read_text(encoding="utf-8")))
         except (TypeError, ValueError) as error:
-            raise ValueError(f"path={str(path)!r} holds no AdaptationResult: give a file that save() wrote.") from error
+            raise ValueError(
+                f"path={str(path)!r} holds no AdaptationResult ({error}): give a file that save() wrote."
+            ) from error
+
+
+def _check_kinds(result: AdaptationResult) -> None:
+    """Raise a TypeError unless a result holds numbers, and the versions of libraries by name."""
+    for name in ("tasks", "rewards"):
+        values = np.array(getattr(result, name), dtype=object).ravel().tolist()
+        wrong = [value for value in values if not isinstance(value, Real | None)]
+        if wrong:
+            raise TypeError(f"{name} hold {wrong[0]!r:.60}, which is no number: give numbers alone.")
+    if not isinstance(result.seed, Integral):
+        raise TypeError(f"seed={result.seed!r:.60} is no whole number: give one.")
+    versions = result.versions
+    if not isinstance(versions, Mapping) or not all(isinstance(text, str) for text in (*versions, *versions.values())):
+        raise TypeError(f"versions={versions!r:.60} are no texts by name: give what library_versions() returns.")
 
 
 def _check_shapes(tasks: Floats, rewards: NDArray[np.float32]) -> None:

@@ -97,7 +97,7 @@ def by_run(methods: Methods) -> list[str]:
             lowest = f"{run.episodes[measures[-1]].min():.1f}"
             trained = " ".join(map(_short, _config(run).get("trained_at", []))) or "?"
             tested = _short(run.about["versions"].get("commit", "?"))
-            lines.append(_row([name, str(_config(run)["seed"]), *means, lowest, trained, tested]))
+            lines.append(_row([name, str(_config(run).get("seed", "?")), *means, lowest, trained, tested]))
     return lines
 
 

@@ -18,6 +18,7 @@ from sb3_bruno.evaluation.eval_callback import LearningCurve, load_learning_curv
 from sb3_bruno.evaluation.task_names import FEW_TASKS, task_label
 from sb3_bruno.files.whole import whole_files
 from sb3_bruno.runs.clock import TrainingClock
+from sb3_bruno.runs.kept_test import check_config, check_record, find_test
 
 HORIZONS = (200, 1_000)
 """Steps after which the final test's returns are kept too: the paper's, for its curves and for its test."""
@@ -75,9 +76,7 @@ class RunRecord(NamedTuple):
             tables = [pd.read_csv(folder / name, **read) for name in (_CURVE, _EPISODES, _REWARDS)]
         except (OSError, ValueError) as error:  # pandas' errors are ValueErrors
             raise ValueError(f"{folder} holds no record of a run: record it again, or delete it ({error})") from error
-        if not isinstance(about, dict) or not {"config", "versions", "steps_to_90"} <= about.keys():
-            raise ValueError(f"{folder} holds no record of a run: record it again, or delete it")
-        _check_config(about["config"], folder)
+        check_record(about, tables, folder)
         return cls(about, *tables)
 
     @classmethod
@@ -91,7 +90,7 @@ class RunRecord(NamedTuple):
             ValueError: if the folder lacks one of them.
         """
         folder, result = find_test(Path(folder))
-        _check_config(result.config, folder)
+        check_config(result.config, folder, len(result.tasks))
         steps = dict(zip(map(task_label, result.tasks), result.steps_to_steady().tolist(), strict=True))
         about = {"config": result.config, "versions": result.versions, "test_seed": result.seed, "steps_to_90": steps}
         return cls(
@@ -128,38 +127,6 @@ class RunRecord(NamedTuple):
             "inside": [label for label, is_inside in pairs if is_inside],
             "outside": [label for label, is_inside in pairs if not is_inside],
         }
-
-
-def find_test(run: Path) -> tuple[Path, AdaptationResult]:
-    """Return the folder of a run and its test.
-
-    Args:
-        run: the file of the test; or the folder, of whose tests on the agent as it was trained last the longest
-            counts, and of equally long ones that with the shortest name: ``adaptation.json`` before
-            ``adaptation_stochastic.json``.
-
-    Raises:
-        ValueError: if there is no test.
-    """
-    if run.is_file():
-        return run.parent, AdaptationResult.load(run)
-    tests = {path: AdaptationResult.load(path) for path in sorted(run.glob("adaptation*.json"))}
-    if not tests:
-        raise ValueError(f"no adaptation.json in {run}: test the run by `sb3-bruno evaluate` first")
-
-    def rank(path: Path) -> tuple[float, int, int]:
-        return float(tests[path].config.get("env_steps", 0)), tests[path].horizon, -len(path.name)
-
-    return run, tests[max(tests, key=rank)]
-
-
-def _check_config(config: Any, folder: Path) -> None:
-    """Raise a ValueError unless a test's settings name its algorithm, environment and length of training."""
-    kinds = {"algo": str, "env": str, "env_steps": int, "params": dict}
-    found = {"params": {}, **(config if isinstance(config, dict) else {})}
-    wrong = [f"{name}={found.get(name)!r}" for name, kind in kinds.items() if not isinstance(found.get(name), kind)]
-    if wrong:
-        raise ValueError(f"{folder}: the test's config has {', '.join(wrong)}: test the run by `sb3-bruno evaluate`")
 
 
 def _learning(curve: LearningCurve, clock: TrainingClock | None) -> pd.DataFrame:

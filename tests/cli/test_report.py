@@ -72,6 +72,110 @@ def test_a_damaged_record_is_one_line(run, tmp_path, text, no_page):
     assert str(record.parent.relative_to(tmp_path)) in mistake and "\n" not in mistake
 
 
+@pytest.mark.parametrize("table", ["learning_curve.csv", "episodes.csv", "rewards.csv"])
+@pytest.mark.parametrize("text", ["", "task\n", "task,step\n1,2\n", "a,b\n1,2\n", "\0"])
+def test_a_damaged_table_of_a_record_is_one_line(run, tmp_path, table, text, no_page):
+    assert run("report", make_run(tmp_path / "a"))[1] == ""
+    (tmp_path / "results" / "bruno_sac" / "seed1" / table).write_text(text)
+    mistake = run("report")[1]
+    assert "results/bruno_sac/seed1 holds no record of a run" in mistake and "\n" not in mistake
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"steps_to_90": {"1": "5", "2": 3}},
+        {"steps_to_90": []},
+        {"versions": {"commit": 3}},
+        {"versions": None},
+        {"config": []},
+    ],
+    ids=str,
+)
+def test_a_record_of_another_kind_is_one_line(run, tmp_path, damage, no_page):
+    assert run("report", make_run(tmp_path / "a"))[1] == ""
+    path = tmp_path / "results" / "bruno_sac" / "seed1" / "run.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **damage}))
+    mistake = run("report")[1]
+    assert "results/bruno_sac/seed1" in mistake and "\n" not in mistake
+
+
+def test_a_test_that_was_cut_short_is_one_line(run, tmp_path):
+    kept = make_run(tmp_path / "a") / "adaptation.json"
+    whole = kept.read_text()
+    for end in range(0, len(whole) - 2, 7):
+        kept.write_text(whole[:end])
+        mistake = run("report", kept.parent)[1]
+        assert "adaptation.json' holds no AdaptationResult" in mistake and "\n" not in mistake
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"tasks": [["1"], ["2"]]},
+        {"tasks": "x"},
+        {"tasks": [[True], {}]},
+        {"tasks": [[1.0], [None]]},
+        {"rewards": [[["1"] * 10], [["1"] * 10]]},
+        {"rewards": None},
+        {"rewards": {"a": 1}},
+        {"rewards": [[[1.0] * 10], [[1.0] * 9]]},
+        {"seed": "x"},
+        {"seed": None},
+        {"versions": ["2.0"]},
+        {"versions": {"torch": 2}},
+        {"config": "x"},
+        {"config": ["a"]},
+        {"config": None},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("given", ["folder", "file"])
+def test_a_test_of_damaged_types_is_one_line(run, tmp_path, damage, given):
+    kept = make_run(tmp_path / "a") / "adaptation.json"
+    kept.write_text(json.dumps({**json.loads(kept.read_text()), **damage}))
+    mistake = run("report", kept if given == "file" else kept.parent)[1]
+    assert "adaptation.json' holds no AdaptationResult" in mistake and "\n" not in mistake
+    assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize("missing", ["tasks", "rewards"])
+def test_a_test_without_its_numbers_is_one_line(run, tmp_path, missing):
+    kept = make_run(tmp_path / "a") / "adaptation.json"
+    kept.write_text(json.dumps({key: value for key, value in json.loads(kept.read_text()).items() if key != missing}))
+    mistake = run("report", kept.parent)[1]
+    assert "adaptation.json' holds no AdaptationResult" in mistake and "\n" not in mistake
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("env_steps", "400"),
+        ("env_steps", None),
+        ("env_steps", True),
+        ("env_steps", -1),
+        ("env", ["x"]),
+        ("conf", 3),
+        ("deterministic", "yes"),
+        ("inside_train_box", [True]),
+        ("inside_train_box", "x"),
+        ("inside_train_box", [1, 2]),
+        ("n_inner_episodes", "2"),
+        ("n_inner_episodes", 0),
+        ("params", ["a"]),
+        ("split", 3),
+        ("trained_at", "abc"),
+        ("trained_at", [3]),
+        ("wall_seconds", "60"),
+    ],
+)
+def test_settings_of_a_wrong_kind_are_one_line(run, tmp_path, name, value, no_page):
+    kept = make_run(tmp_path / "a", **{name: value}) / "adaptation.json"
+    for given in (kept, kept.parent):
+        mistake = run("report", given)[1]
+        assert f"the test's config has {name}={value!r}" in mistake and "\n" not in mistake
+
+
 def test_a_test_that_does_not_say_what_it_is_of_is_one_line(run, tmp_path):
     new = make_run(tmp_path / "a")
     kept = json.loads((new / "adaptation.json").read_text())
