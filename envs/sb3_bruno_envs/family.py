@@ -24,7 +24,8 @@ class Family:
     from ``metadata``. Several families may share a class.
 
     Args:
-        env_class: a Gymnasium environment with a method ``set_task(task)``, which is called before every reset.
+        env_class: a Gymnasium environment with a method ``set_task(task)``, which is called before every reset. It may
+            have a static method ``name_task(task)``, which says what people call a task (see MetaTask).
         tasks: the family's own tasks: a TaskSet, a TaskSampler or an array-like ``(n, dim)``.
         max_episode_steps: the length of an episode; None if the environment ends each of its episodes itself.
         n_episodes: the number of inner episodes, if an episode is a trial (see Trial). The environment ends the inner
@@ -55,6 +56,7 @@ class Family:
         self.max_episode_steps = max_episode_steps
         self.n_episodes = n_episodes
         self._set_task = set_task
+        self._name_task: Callable[[Task], str] | None = getattr(env_class, "name_task", None)
 
     @property
     def metadata(self) -> dict[str, Any]:
@@ -94,6 +96,7 @@ class Family:
             self.tasks if tasks is None else tasks,
             split=split,
             draw=draw,
+            name_task=self._name_task,
             task_space=self.tasks.space if task_space is None else task_space,
         )
         if observe == "transition":

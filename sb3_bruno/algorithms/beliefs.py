@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -101,9 +101,9 @@ class AgentView:
         question = self._ask(belief, observations, actions, next_observations)
         with th.no_grad():
             mean, std = predictor.moments(*question)
-            above = self._unnormalize(Outcomes(*(None if m is None else m + s for m, s in zip(mean, std, strict=True))))
         own = self._unnormalize(mean)
-        return Moments(own, Outcomes(*(None if m is None else a - m for m, a in zip(own, above, strict=True))))
+        above = self._unnormalize(_each(th.add, mean, std))
+        return Moments(own, _each(th.sub, above, own))
 
     def _ask(
         self, belief: TaskBelief, observations: ArrayLike, actions: ArrayLike, next_observations: ArrayLike | None
@@ -113,11 +113,8 @@ class AgentView:
         arrivals = observations if next_observations is None else next_observations
         batch = tuple(belief.posterior.mean.shape[:-1])
         here = self.observe(observations, actions, np.zeros((*batch, 1)), arrivals, batch=batch)
-        _check_entries({"observations": observations, "actions": actions})  # whose shapes are right
-        if next_observations is None:
-            return belief.memory, here.observations, here.actions, None
-        _check_entries({"next_observations": next_observations})
-        return belief.memory, here.observations, here.actions, here.next_observations
+        there = None if next_observations is None else here.next_observations
+        return belief.memory, here.observations, here.actions, there
 
     def observe(
         self,
@@ -202,9 +199,21 @@ def _read_log_prior(log_prior: ArrayLike) -> NDArray[np.float32]:
     return log_weights
 
 
+def _each(function: Callable[[th.Tensor, th.Tensor], th.Tensor], a: Outcomes, b: Outcomes) -> Outcomes:
+    """Apply a function to rewards and next observations, as far as there are any."""
+    pairs = zip(a, b, strict=True)
+    return Outcomes(*(None if x is None or y is None else function(x, y) for x, y in pairs))
+
+
 def _like(samples: th.Tensor | None, own: NDArray[Any]) -> th.Tensor | None:
     """The samples in the env's own units, in their own shape; None where there are none."""
     return None if samples is None else th.as_tensor(own, dtype=th.float32).reshape(samples.shape)
+
+
+def _check_question(observations: ArrayLike, actions: ArrayLike, next_observations: ArrayLike | None) -> None:
+    """Refuse numbers that are not finite, of arrays whose shapes are right."""
+    given = {"observations": observations, "actions": actions, "next_observations": next_observations}
+    _check_entries({name: array for name, array in given.items() if array is not None})
 
 
 def _check_entries(arrays: Mapping[str, ArrayLike]) -> None:
@@ -270,7 +279,9 @@ class BeliefQueries:
             ValueError: if an array has another shape or holds a number that is not finite, or the encoder does not
                 predict.
         """
-        return self._view.outcomes(belief, observations, actions, next_observations, n_samples)
+        outcomes = self._view.outcomes(belief, observations, actions, next_observations, n_samples)
+        _check_question(observations, actions, next_observations)
+        return outcomes
 
     def predict_moments(
         self,
@@ -294,7 +305,9 @@ class BeliefQueries:
             ValueError: if an array has another shape or holds a number that is not finite, or the encoder has no
                 closed form, as without a kernel.
         """
-        return self._view.moments(belief, observations, actions, next_observations)
+        moments = self._view.moments(belief, observations, actions, next_observations)
+        _check_question(observations, actions, next_observations)
+        return moments
 
     def task_probabilities(
         self, belief: TaskBelief, tasks: ArrayLike, log_prior: ArrayLike | None = None

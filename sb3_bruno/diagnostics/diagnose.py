@@ -109,6 +109,7 @@ def diagnose(
             predicted=np.stack([found.predicted for found in findings], axis=1),
             outside_tasks=None if outside is None else np.asarray(outside_tasks, dtype=np.float64),
             outside_log_scores=None if outside is None else _log_scores(view, _pad(outside)),
+            names=np.array([of_task[0].task_name for of_task in inside]),
         )
 
 

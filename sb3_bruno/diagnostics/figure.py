@@ -10,8 +10,7 @@ import numpy as np
 
 from sb3_bruno.diagnostics.result import Diagnostics
 from sb3_bruno.evaluation.band import Band
-from sb3_bruno.evaluation.floats import Floats
-from sb3_bruno.evaluation.task_names import task_title
+from sb3_bruno.evaluation.task_names import task_labels, task_title
 from sb3_bruno.plotting.style import COLORS, INK, draw_band, style_panel
 
 if TYPE_CHECKING:
@@ -118,11 +117,11 @@ def _draw_beliefs(panel: Axes, found: Diagnostics) -> None:
     style_panel(panel, f"Posterior means, {_percent(found.explained.sum())} of their variance")
     few = len(found.tasks) <= len(COLORS)
     colors = list(COLORS) if few else _scale(panel, found.tasks[:, 0])
-    for task, episodes, color in zip(found.tasks, found.beliefs, colors, strict=False):
+    for title, episodes, color in zip(_titles(found), found.beliefs, colors, strict=False):
         for i, path in enumerate(episodes):
             known = path[~np.isnan(path).any(axis=-1)]
             panel.plot(*known.T, color=color, linewidth=0.8, alpha=0.5)
-            label = _title(task) if few and i == 0 else None
+            label = title if few and i == 0 else None
             panel.plot(*known[-1], color=color, marker="o", markersize=6, linestyle="", label=label)
     panel.plot(*found.beliefs[0, 0, 0], color=INK, marker="x", markersize=9, linestyle="", label="prior")
     _label(panel, *(f"principal axis {i + 1} ({_percent(share, 1)})" for i, share in enumerate(found.explained)))
@@ -147,17 +146,19 @@ def _draw_prediction(panel: Axes, found: Diagnostics) -> None:
     name = str(found.quantities[0])
     style_panel(panel, f"Predicted and real {name}")
     steps = np.arange(1, found.real.shape[1] + 1)
+    titles = _titles(found)
     for i, color in zip(range(min(len(found.tasks), _MAX_TRACES)), COLORS, strict=False):
         mean, low, high = found.predicted[:, i]
-        title = _title(found.tasks[i])
+        title = titles[i]
         draw_band(panel, Band(steps, mean, low, high), color, f"{title}: mean, 90 %", linewidth=1.2)
         panel.plot(steps, found.real[i], color=color, linestyle="", marker=".", markersize=4, label=f"{title}: real")
     panel.margins(x=0.01)
     _label(panel, "environment step", name)
 
 
-def _title(task: Floats) -> str:
-    return task_title(task.round(2))
+def _titles(found: Diagnostics) -> list[str]:
+    names = None if found.names is None else [str(name) for name in found.names]
+    return list(map(task_title, task_labels(found.tasks.round(2), names)))
 
 
 def _percent(share: float, digits: int = 0) -> str:

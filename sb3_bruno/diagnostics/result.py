@@ -36,6 +36,7 @@ class Diagnostics:
             the encoder measures no distance.
         outside_tasks: tasks that the agent should not know, ``(n_outside, task_dim)``, or None.
         outside_log_scores: those of the outside tasks, ``(n_outside, n_episodes, outside_horizon)``, or None.
+        names: what the environment calls the tasks, ``(n_tasks,)``, ``""`` for nothing; None if it has no names.
 
     Raises:
         ValueError: if only one of ``outside_tasks`` and ``outside_log_scores`` is None.
@@ -52,6 +53,7 @@ class Diagnostics:
     distance_levels: Floats | None = None
     outside_tasks: Floats | None = None
     outside_log_scores: Floats | None = None
+    names: NDArray[np.str_] | None = None
 
     def __post_init__(self) -> None:
         if (self.outside_tasks is None) != (self.outside_log_scores is None):

@@ -19,7 +19,7 @@ from sb3_bruno.maths.flow import ConditionalFlow
 from sb3_bruno.maths.kernel_process import KernelGaussian
 from sb3_bruno.maths.kernel_statistics import Features
 
-_NOTHING = (None, None)
+_MeanAndStd = tuple[Tensor | None, Tensor | None]
 N_NODES = 32
 """Points of the Gauss-Hermite quadrature that takes the moments of a reward through its flow."""
 
@@ -119,7 +119,8 @@ class KernelModel(LatentModel):
         predictive counts as the normal of its moments, where a flow follows.
         """
         variables, process = self.variables, self.process
-        rewards, arrivals = _NOTHING, _NOTHING
+        rewards: _MeanAndStd = (None, None)
+        arrivals: _MeanAndStd = (None, None)
         if variables.change_dim:
             values = variables(transitions)
             features = self._of_change(values.here)

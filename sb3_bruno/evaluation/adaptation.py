@@ -44,7 +44,8 @@ def evaluate_adaptation(
         progress_bar: show one, where stderr is a terminal.
 
     Returns:
-        The environment's own rewards; an episode that ends early is padded with NaN.
+        The environment's own rewards; an episode that ends early is padded with NaN. With them, the environment's
+        names of the tasks (``info["task_name"]``), and which episodes ended in success (``info["is_success"]``).
 
     Raises:
         ValueError: if an argument is invalid, a reward is not finite, or the environment ignores the task given to it.
@@ -60,11 +61,16 @@ def evaluate_adaptation(
         max_envs=max_envs,
         progress_bar=progress_bar,
     )
-    rewards = pad_episodes([episode.rewards for of_task in episodes for episode in of_task])
+    played = [episode for of_task in episodes for episode in of_task]
+    rewards = pad_episodes([episode.rewards for episode in played])
+    names = [of_task[0].task_name for of_task in episodes]
+    successes = np.array([episode.success for episode in played]).reshape(-1, n_episodes)
     return AdaptationResult(
         tasks=np.asarray(tasks, dtype=np.float64),
         rewards=rewards.reshape(len(episodes), n_episodes, -1),
         config=dict(config or {}),
         seed=seed,
         versions=library_versions(),
+        names=names if any(names) else None,
+        successes=None if np.isnan(successes).all() else successes,
     )

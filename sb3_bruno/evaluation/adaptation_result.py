@@ -30,11 +30,15 @@ class AdaptationResult:
         config: settings that tell this result from others; JSON values only (a tuple becomes a list).
         seed: the seed of the environments.
         versions: the versions of the libraries that made the result.
+        names: what the environment calls each task, ``""`` for nothing; None if it has no names.
+        successes: whether each episode ended in success, ``(n_tasks, n_episodes)``, 1 or 0, NaN where the environment
+            does not tell; None if it never does.
 
     Raises:
-        TypeError: if tasks or rewards are no numbers, or ``seed`` or ``versions`` are of a wrong kind.
-        ValueError: if the shapes disagree, a task is not finite, a reward is infinite or follows a NaN, or ``config``
-            is not JSON.
+        TypeError: if tasks, rewards or successes are no numbers, or ``seed``, ``versions`` or ``names`` are of a wrong
+            kind.
+        ValueError: if the shapes disagree, a task is not finite, a reward is infinite or follows a NaN, a success is
+            neither 0 nor 1, or ``config`` is not JSON.
     """
 
     tasks: Floats
@@ -42,6 +46,8 @@ class AdaptationResult:
     config: dict[str, Any] = field(default_factory=dict)
     seed: int = 0
     versions: dict[str, str] = field(default_factory=dict)
+    names: list[str] | None = None
+    successes: Floats | None = None
 
     def __post_init__(self) -> None:
         _check_kinds(self)
@@ -55,6 +61,15 @@ class AdaptationResult:
             raise ValueError("tasks must be finite numbers: check the environment.")
         if ended[..., 0].any() or reborn.any() or np.isinf(self.rewards).any():
             raise ValueError("rewards must be finite, and NaN only after an episode's end: check the environment.")
+        if self.names is not None and len(self.names) != len(self.tasks):
+            raise ValueError(f"names has {len(self.names)} entries for {len(self.tasks)} tasks: give one for each.")
+        if self.successes is not None:
+            object.__setattr__(self, "successes", _as_successes(self.successes, self.rewards.shape[:2]))
+
+    @property
+    def labels(self) -> list[str]:
+        """What each task is called in tables, figures and logs; all are different."""
+        return task_labels(self.tasks, self.names)
 
     @property
     def horizon(self) -> int:
@@ -114,6 +129,20 @@ class AdaptationResult:
         """
         return interquartile_mean(self.returns(horizon).T, n_resamples=n_resamples, seed=seed)
 
+    def success_rates(self) -> Floats:
+        """Take the share of each task's episodes that ended in success, ``(n_tasks,)``; NaN where none tells.
+
+        Raises:
+            ValueError: if the environment never says whether an episode was a success.
+        """
+        if self.successes is None:
+            raise ValueError('No episode says whether it was a success: let its last info hold "is_success".')
+        return mean_of_known(self.successes, axis=1)
+
+    def success_rate(self) -> float:
+        """Take the mean of ``success_rates`` over the tasks that tell."""
+        return float(mean_of_known(self.success_rates()))
+
     def mean_rewards(self) -> Floats:
         """Average the reward at each step over the episodes still running, ``(n_tasks, horizon)``; NaN if none is."""
         return mean_of_known(self.rewards, axis=1)
@@ -146,23 +175,28 @@ class AdaptationResult:
     def summary(self, horizon: int | None = None) -> str:
         """Write a table of the returns over the first ``horizon`` steps: a row per task, then all together."""
         returns, steps = self.returns(horizon), self.steps_to_steady()
-        rows = [*zip(task_labels(self.tasks), returns, steps, strict=True), ("all", returns, steps)]
+        rows = [*zip(self.labels, returns, steps, strict=True), ("all", returns, steps)]
         width = max(4, *(len(label) for label, _, _ in rows))
         n_tasks, n_episodes = returns.shape
+        rates = [""] * (n_tasks + 2)  # a column, head first
+        if self.successes is not None:
+            rates = ["  success", *(f"{100 * rate:>7.0f} %" for rate in (*self.success_rates(), self.success_rate()))]
         lines = [
             f"Returns over {horizon or self.horizon} steps: {n_tasks} tasks, {n_episodes} episodes each",
-            f"{'task':<{width}} {'mean':>10} {'lowest':>10} {'highest':>10} {'steps to 90 %':>14}",
+            f"{'task':<{width}} {'mean':>10} {'lowest':>10} {'highest':>10} {'steps to 90 %':>14}{rates[0]}",
         ]
-        for label, row, step in rows:
+        for (label, row, step), rate in zip(rows, rates[1:], strict=True):
             numbers = f"{row.mean():>10.2f} {row.min():>10.2f} {row.max():>10.2f} {np.mean(step):>14.1f}"
-            lines.append(f"{label:<{width}} {numbers}")
+            lines.append(f"{label:<{width}} {numbers}{rate}")
         value, low, high = self.iqm(horizon)
         lines.append(f"interquartile mean {value:.2f}, 95 % interval {low:.2f} to {high:.2f} over episodes")
         return "\n".join(lines)
 
     def save(self, path: str | Path) -> None:
         """Write the result as JSON from which ``load`` reads exactly the same numbers; NaN is written as null."""
-        document = asdict(self) | {"tasks": self.tasks.tolist(), "rewards": _nan_as_none(self.rewards)}
+        successes = None if self.successes is None else _nan_as_none(self.successes)
+        arrays = {"tasks": self.tasks.tolist(), "rewards": _nan_as_none(self.rewards), "successes": successes}
+        document = asdict(self) | arrays
         with whole_file(path) as part:
             part.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
 
@@ -183,16 +217,26 @@ class AdaptationResult:
 
 def _check_kinds(result: AdaptationResult) -> None:
     """Raise a TypeError unless a result holds numbers, and the versions of libraries by name."""
-    for name in ("tasks", "rewards"):
+    for name in ("tasks", "rewards", "successes"):
         values = np.array(getattr(result, name), dtype=object).ravel().tolist()
         wrong = [value for value in values if not isinstance(value, Real | None)]
         if wrong:
             raise TypeError(f"{name} hold {wrong[0]!r:.60}, which is no number: give numbers alone.")
     if not isinstance(result.seed, Integral):
         raise TypeError(f"seed={result.seed!r:.60} is no whole number: give one.")
+    if result.names is not None and not all(isinstance(name, str) for name in result.names):
+        raise TypeError(f"names={result.names!r:.60} are no texts: give what the environment calls its tasks.")
     versions = result.versions
     if not isinstance(versions, Mapping) or not all(isinstance(text, str) for text in (*versions, *versions.values())):
         raise TypeError(f"versions={versions!r:.60} are no texts by name: give what library_versions() returns.")
+
+
+def _as_successes(successes: Floats, shape: tuple[int, ...]) -> Floats:
+    """Return successes as an array; raise a ValueError unless there is one of each episode, 0, 1 or NaN."""
+    array = np.asarray(successes, dtype=np.float64)
+    if array.shape != shape or not np.isin(array[~np.isnan(array)], (0.0, 1.0)).all():
+        raise ValueError(f"successes have shape {array.shape}: give 0, 1 or NaN for each episode, {shape}.")
+    return array
 
 
 def _check_shapes(tasks: Floats, rewards: NDArray[np.float32]) -> None:

@@ -30,6 +30,8 @@ class Episode(NamedTuple):
         next_observations: what each action led to, the terminal observation last, ``(length, ...)``.
         inner_ends: whether an episode within a trial ended with this transition, ``(length,)``. The model never sees
             such a transition: the next observation that it is shown is the first of the next inner episode.
+        task_name: what the environment calls the task in the reset's ``info["task_name"]``; ``""`` for nothing.
+        success: ``info["is_success"]`` at the last step, 1 or 0; NaN if the environment does not tell.
     """
 
     observations: NDArray[Any]
@@ -37,6 +39,8 @@ class Episode(NamedTuple):
     rewards: NDArray[np.float32]
     next_observations: NDArray[Any]
     inner_ends: NDArray[np.bool_]
+    task_name: str = ""
+    success: float = np.nan
 
 
 def play_episodes(
@@ -107,7 +111,8 @@ def _play_batch(
     for task, info in zip(tasks, venv.reset_infos, strict=False):
         _check_task(task, info)
     state, episode_start = None, np.ones(venv.num_envs, dtype=bool)
-    running, lengths = np.ones(n, dtype=bool), np.zeros(n, dtype=np.int64)
+    names = [str(info.get("task_name", "")) for info in venv.reset_infos[:n]]
+    running, lengths, successes = np.ones(n, dtype=bool), np.zeros(n, dtype=np.int64), np.full(n, np.nan)
     steps: list[tuple[NDArray[Any], ...]] = []
     while running.any():
         before = _own_part(observations, (venv.num_envs,))
@@ -122,11 +127,17 @@ def _play_batch(
         inner_ends = np.array(["trial_final_observation" in info for info in infos])
         steps.append((before, actions, rewards, after, inner_ends))
         lengths += running
+        for i in np.flatnonzero(running & episode_start[:n]):
+            successes[i] = float(infos[i].get("is_success", np.nan))
         bar.update(int((running & episode_start[:n]).sum()))
         bar.set_postfix(step=len(steps), refresh=False)
         running &= ~episode_start[:n]
     columns = [np.stack(column, axis=1) for column in zip(*steps, strict=True)]  # (num_envs, longest, ...) each
-    return [Episode(*(column[i, :length] for column in columns)) for i, length in enumerate(lengths)]
+    told = enumerate(zip(lengths, names, successes.tolist(), strict=True))
+    return [
+        Episode._make([*(column[i, :length] for column in columns), name, success])
+        for i, (length, name, success) in told
+    ]
 
 
 def _own_part(observations: Any, batch_shape: tuple[int, ...] = ()) -> NDArray[Any]:

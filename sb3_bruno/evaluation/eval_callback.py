@@ -5,6 +5,7 @@ Knows environments that name their hidden task in ``info["task"]``. Knows no alg
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.evaluation.resumable_eval import ResumableEvalCallback, Rows
-from sb3_bruno.evaluation.task_names import task_label
+from sb3_bruno.evaluation.task_names import log_key, task_label
 from sb3_bruno.files.whole import whole_file
 
 _TASKS_FILE = "evaluation_tasks.npz"  # beside SB3's evaluations.npz
@@ -29,17 +30,26 @@ class LearningCurve(NamedTuple):
         timesteps: environment steps of training before each evaluation, ``(n_evals,)``.
         tasks: the hidden task of each episode, ``(n_evals, n_episodes, task_dim)``.
         returns: the return of each episode, ``(n_evals, n_episodes)``.
+        names: what the environment calls the task of each episode, ``(n_evals, n_episodes)``; ``""`` for nothing.
+            None: nobody named any.
     """
 
     timesteps: NDArray[np.int64]
     tasks: NDArray[np.float32]
     returns: NDArray[np.float64]
+    names: NDArray[np.str_] | None = None
+
+    def called(self) -> NDArray[np.str_]:
+        """Return the names of the tasks, ``""`` where a task has none, ``(n_evals, n_episodes)``."""
+        return np.full(self.returns.shape, "") if self.names is None else self.names
 
 
 class TaskEvalCallback(ResumableEvalCallback):
     """Evaluates as EvalCallback does, and tells the tasks apart. Kills and resumes: as in ``ResumableEvalCallback``.
 
-    Logs the mean return of each task as ``eval/return_task_<label>``, for the first 50 tasks that it meets. Given
+    Logs the mean return of each task as ``eval/return_task_<label>``, for the first 50 tasks that it meets, and
+    ``eval/success_task_<label>`` where ``info["is_success"]`` ends an episode. The label is ``info["task_name"]``, or
+    made of the task's numbers. Given
     ``log_path``, writes the task of each episode to ``evaluation_tasks.npz`` beside SB3's ``evaluations.npz``;
     ``load_learning_curve`` reads both.
 
@@ -59,20 +69,24 @@ class TaskEvalCallback(ResumableEvalCallback):
     def __init__(self, eval_env: gym.Env[Any, Any] | VecEnv, **kwargs: Any) -> None:
         super().__init__(eval_env, **kwargs)
         self.evaluations_tasks: list[NDArray[np.float32]] = []  # (n_episodes, task_dim) each
+        self.evaluations_names: list[NDArray[np.str_]] = []  # (n_episodes,) each
         self._episode_tasks: list[NDArray[np.float32]] = []  # of the current evaluation
-        self._logged_tasks: set[str] = set()
+        self._episode_names: list[str] = []
+        self._logged_tasks: dict[str, bytes] = {}  # by the end of their log keys
 
     def _continue(self, rows: Rows) -> None:
         super()._continue(rows)
         self.evaluations_tasks = list(rows["tasks"].astype(np.float32))
+        self.evaluations_names = list(rows.get("names", np.full(rows["tasks"].shape[:2], "")))
 
     def _on_step(self) -> bool:
-        self._episode_tasks = []
+        self._episode_tasks, self._episode_names = [], []
         continue_training = super()._on_step()
         if self._episode_tasks and self.log_path is not None:
             self.evaluations_tasks.append(np.stack(self._episode_tasks))
+            self.evaluations_names.append(np.array(self._episode_names))
             with whole_file(Path(self.log_path).with_name(_TASKS_FILE)) as part:
-                np.savez(part, tasks=np.stack(self.evaluations_tasks))
+                np.savez(part, tasks=np.stack(self.evaluations_tasks), names=np.stack(self.evaluations_names))
         return continue_training
 
     def _log_success_callback(self, locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
@@ -85,16 +99,25 @@ class TaskEvalCallback(ResumableEvalCallback):
             raise ValueError("eval_env ended an episode without info['task']: wrap the eval environment in MetaTask.")
         self._episode_tasks.append(np.array(info["task"], dtype=np.float32))
         episode_return = info["episode"]["r"] if locals_["is_monitor_wrapped"] else _running_return(locals_)
-        self._log_return(task_label(info["task"], info.get("task_index")), float(episode_return))
+        self._episode_names.append(str(info.get("task_name", "")))
+        measured = {"return": float(episode_return)}
+        if info.get("is_success") is not None:
+            measured["success"] = float(info["is_success"])
+        self._log(info, measured)
 
-    def _log_return(self, label: str, episode_return: float) -> None:
-        """Average the return into the log entry of the task; EvalCallback writes the log at the end."""
-        if len(self._logged_tasks) < _MAX_LOGGED_TASKS:
-            self._logged_tasks.add(label)
-        if label in self._logged_tasks:
-            key = f"return_task_{label}"
+    def _log(self, info: dict[str, Any], measured: Mapping[str, float]) -> None:
+        """Average numbers into the log entries of the task; EvalCallback writes the log at the end."""
+        task, numbers = self._episode_tasks[-1].tobytes(), task_label(info["task"], info.get("task_index"))
+        label = log_key(self._episode_names[-1]) or numbers
+        if self._logged_tasks.get(label, task) != task:  # of another task by the same name
+            label = f"{label}_{numbers}"
+        if label not in self._logged_tasks and len(self._logged_tasks) >= _MAX_LOGGED_TASKS:
+            return
+        self._logged_tasks[label] = task
+        for name, value in measured.items():
+            key = f"{name}_task_{label}"
             exclude = ("stdout", "log") if len(key) > _MAX_CONSOLE_KEY else None
-            self.logger.record_mean(f"eval/{key}", episode_return, exclude=exclude)
+            self.logger.record_mean(f"eval/{key}", value, exclude=exclude)
 
 
 def load_learning_curve(path: str | Path) -> LearningCurve:
@@ -113,7 +136,10 @@ def load_learning_curve(path: str | Path) -> LearningCurve:
             f"path={str(path)!r} holds no evaluations with tasks: give a log_path of TaskEvalCallback. {error}."
         ) from error
     return LearningCurve(
-        rows["timesteps"].astype(np.int64), rows["tasks"].astype(np.float32), rows["results"].astype(np.float64)
+        rows["timesteps"].astype(np.int64),
+        rows["tasks"].astype(np.float32),
+        rows["results"].astype(np.float64),
+        rows.get("names"),
     )
 
 

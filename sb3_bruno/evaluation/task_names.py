@@ -1,8 +1,13 @@
-"""What a task is called: a label in logs and tables, a title in figures. Knows NumPy alone."""
+"""What a task is called: a label in logs and tables, a title in figures. Knows NumPy alone.
+
+The environment may name its tasks ("forward", "1.9 m/s"). The label of a task without a name is made of its numbers.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import re
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +18,8 @@ FEW_TASKS = 4
 
 FEW_NUMBERS = 8
 """A task of up to so many numbers is called by them; of more, by its place in the list and a name."""
+
+_NUMBERS = re.compile(r"(#\d+-)?[0-9a-f]{6}|(-?[\d.]+(e[+-]?\d+)?)(_-?[\d.]+(e[+-]?\d+)?)*")
 
 
 def task_label(task: ArrayLike, place: int | None = None) -> str:
@@ -31,20 +38,37 @@ def task_label(task: ArrayLike, place: int | None = None) -> str:
     return name if place is None or place < 0 else f"#{place}-{name}"
 
 
-def task_labels(tasks: ArrayLike) -> list[str]:
-    """Return the names of a list of tasks, ``(n, dim)``."""
-    return [task_label(task, place) for place, task in enumerate(np.asarray(tasks))]
+def task_labels(tasks: ArrayLike, names: Sequence[str] | None = None) -> list[str]:
+    """Return labels of a list of tasks, ``(n, dim)``, all different.
+
+    Args:
+        tasks: different vectors.
+        names: what the environment calls them, ``""`` where it calls one nothing; None if it has no names. Tasks of
+            one name are told apart by their numbers.
+    """
+    numbers = [task_label(task, place) for place, task in enumerate(np.asarray(tasks))]
+    if names is None:
+        return numbers
+    return [
+        (name if names.count(name) == 1 else f"{name} ({number.replace('_', ', ')})") if name else number
+        for name, number in zip(names, numbers, strict=True)
+    ]
+
+
+def log_key(label: str) -> str:
+    """Write a label so that a log key can end in it: ``"1.9 m/s"`` gives ``"1.9_m_s"``."""
+    return re.sub(r"[^\w.+-]+", "_", label).strip("_")
 
 
 def task_title(task: ArrayLike) -> str:
-    """Return the title for a task vector or its label: ``[0.5]`` gives ``"task 0.5"``, ``"1_0"`` ``"task (1, 0)"``."""
+    """Return the title for a task vector or its label: ``[0.5]`` gives ``"task 0.5"``, ``"1_0"`` ``"task (1, 0)"``.
+
+    A name is its own title.
+    """
     label = task if isinstance(task, str) else task_label(task)
+    if not _NUMBERS.fullmatch(label):
+        return label
     return f"task ({label.replace('_', ', ')})" if "_" in label else f"task {label}"
-
-
-def task_titles(tasks: ArrayLike) -> list[str]:
-    """Return the titles of tasks ``(n, dim)``."""
-    return [task_title(label) for label in task_labels(tasks)]
 
 
 def pooled_title(n_tasks: int) -> str:

@@ -11,7 +11,7 @@ from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.eval_callback import LearningCurve
 from sb3_bruno.evaluation.floats import Floats, mean_of_known
-from sb3_bruno.evaluation.task_names import FEW_TASKS, pooled_title, task_label, task_title, task_titles
+from sb3_bruno.evaluation.task_names import FEW_TASKS, pooled_title, task_label, task_labels, task_title
 from sb3_bruno.plotting.style import plot_bands
 
 
@@ -30,11 +30,12 @@ def plot_adaptation(results: Mapping[str, AdaptationResult], path: str | Path) -
     """
     if not results:
         raise ValueError("results is empty: give at least one AdaptationResult, by the name to show.")
-    tasks = next(iter(results.values())).tasks
+    first = next(iter(results.values()))
+    tasks = first.tasks
     shared = all(np.array_equal(result.tasks, tasks) for result in results.values())
     pooled = not shared or len(tasks) > FEW_TASKS
     panels: dict[str, dict[str, Band]] = {}
-    for number, title in enumerate([pooled_title(len(tasks))] if pooled else task_titles(tasks)):
+    for number, title in enumerate([pooled_title(len(tasks))] if pooled else map(task_title, first.labels)):
         rows = slice(None) if pooled else slice(number, number + 1)
         returns = ", ".join(f"{result.mean_return()[rows].mean():.1f}" for result in results.values())
         bands = {name: adaptation_band(result, rows) for name, result in results.items()}
@@ -66,13 +67,14 @@ def plot_learning_curves(
     if not methods or not all(methods.values()):
         raise ValueError("curves is empty, or a method in it: give at least one LearningCurve for each name.")
     every_task = [run.tasks.reshape(-1, run.tasks.shape[-1]) for runs in methods.values() for run in runs]
-    tasks = np.unique(np.concatenate(every_task), axis=0)  # (n_tasks, task_dim)
+    every_name = np.concatenate([run.called().ravel() for runs in methods.values() for run in runs])
+    tasks, first = np.unique(np.concatenate(every_task), axis=0, return_index=True)  # (n_tasks, task_dim)
+    titles = [task_title(label) for label in task_labels(tasks, every_name[first].tolist())]
     pooled = len(tasks) > FEW_TASKS
     several = max(len(runs) for runs in methods.values()) > 1
     panels: dict[str, dict[str, Band]] = {}
     levels: dict[str, float] = {}
-    for task in [None] if pooled else tasks:
-        title = pooled_title(len(tasks)) if task is None else task_title(task)
+    for task, title in [(None, pooled_title(len(tasks)))] if pooled else zip(tasks, titles, strict=True):
         panels[title] = {name: learning_band(name, runs, task, over_runs=several) for name, runs in methods.items()}
         if oracle is not None:
             levels[title] = _oracle_return(oracle, task)

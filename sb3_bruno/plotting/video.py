@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -16,9 +16,17 @@ from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders import HasPosterior
 from sb3_bruno.encoders.abilities import check_ability
 from sb3_bruno.evaluation.progress import progress
-from sb3_bruno.evaluation.task_names import FEW_TASKS, task_titles
+from sb3_bruno.evaluation.task_names import FEW_TASKS, task_labels, task_title
 
 Frames = list[NDArray[np.uint8]]
+
+
+class Filmed(NamedTuple):
+    """One episode: what the environment calls its task, and the image and the belief at each step."""
+
+    name: str
+    frames: Frames
+    beliefs: list[TaskBelief]
 
 
 def film_tasks(
@@ -55,18 +63,19 @@ def film_tasks(
     envs = [make_env() for _ in task_array]
     fps = envs[0].metadata.get("render_fps", 30)
     episodes = [_episode(model, env, task, seed, vec_normalize) for env, task in zip(envs, task_array, strict=True)]
-    frames = _draw(task_titles(task_array), episodes, progress_bar)
+    titles = list(map(task_title, task_labels(task_array, [episode.name for episode in episodes])))
+    frames = _draw(titles, episodes, progress_bar)
     ImageSequenceClip(frames, fps=fps).write_videofile(str(path), logger=None)
 
 
 def _episode(
     model: TaskInference, env: gym.Env[Any, Any], task: NDArray[np.float32], seed: int, normalize: VecNormalize | None
-) -> tuple[Frames, list[TaskBelief]]:
-    """Play one episode; return the image and the belief at each step."""
+) -> Filmed:
+    """Play one episode."""
     if env.render_mode != "rgb_array":
         raise ValueError(f"make_env made an env with render_mode={env.render_mode!r}: use 'rgb_array'.")
     frames, beliefs = [], []
-    observation, _ = env.reset(seed=seed, options={"task": task})
+    observation, info = env.reset(seed=seed, options={"task": task})
     state, over = None, False
     while not over:
         frames.append(np.asarray(env.render(), dtype=np.uint8))
@@ -77,20 +86,20 @@ def _episode(
         observation, _, terminated, truncated, _ = env.step(action)
         over = terminated or truncated
     env.close()
-    return frames, beliefs
+    return Filmed(str(info.get("task_name", "")), frames, beliefs)
 
 
-def _draw(titles: list[str], episodes: list[tuple[Frames, list[TaskBelief]]], progress_bar: bool) -> Frames:
+def _draw(titles: list[str], episodes: list[Filmed], progress_bar: bool) -> Frames:
     """Draw the episodes side by side, one image per step; an episode that ended early keeps its last image."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    length = max(len(frames) for frames, _ in episodes)
+    length = max(len(episode.frames) for episode in episodes)
     figure = Figure(figsize=(3.2 * len(episodes), 4.0), dpi=100, layout="tight")
     canvas = FigureCanvasAgg(figure)
     panels = figure.subplots(2, len(episodes), squeeze=False, height_ratios=(3, 2), sharey="row")
     images, cursors = [], []
-    for column, (title, (frames, beliefs)) in enumerate(zip(titles, episodes, strict=True)):
+    for column, (title, (_, frames, beliefs)) in enumerate(zip(titles, episodes, strict=True)):
         picture, chart = panels[0, column], panels[1, column]
         picture.set_axis_off()
         picture.set_title(title, fontsize=9)
@@ -108,7 +117,7 @@ def _draw(titles: list[str], episodes: list[tuple[Frames, list[TaskBelief]]], pr
             chart.set_ylabel("belief, mean and std", fontsize=8)
     drawn_frames: Frames = []
     for step in progress(range(length), shown=progress_bar, about="frames"):
-        for image, cursor, (frames, _) in zip(images, cursors, episodes, strict=True):
+        for image, cursor, (_, frames, _) in zip(images, cursors, episodes, strict=True):
             at = min(step, len(frames) - 1)
             image.set_data(frames[at])
             cursor.set_xdata([at, at])

@@ -206,6 +206,8 @@ def _short(commit: str) -> str:
 
 def _column(measure: str) -> str:
     """Return the head of a measure's column: "1,000 steps" for return_1000, "episode 2" for episode_2."""
+    if measure == "success_percent":
+        return "success, %"
     kind, number = measure.split("_")
     return f"{int(number):,} steps" if kind == "return" else f"episode {number}"
 

@@ -118,4 +118,4 @@ OPTIONAL: dict[str, Callable[[Any], bool]] = {
 """What a test's settings hold, which a page reads. None says that nobody knows."""
 COLUMNS = ({"timesteps", "task", "return"}, {"task", "episode"}, {"task", "step", "mean", "low", "high"})
 """Of the tables of a record; the episodes have measures besides."""
-MEASURE = re.compile(r"(return|episode)_\d+")
+MEASURE = re.compile(r"(return|episode)_\d+|success_percent")

@@ -91,18 +91,21 @@ class RunRecord(NamedTuple):
         """
         folder, result = find_test(Path(folder))
         check_config(result.config, folder, len(result.tasks))
-        steps = dict(zip(map(task_label, result.tasks), result.steps_to_steady().tolist(), strict=True))
+        steps = dict(zip(result.labels, result.steps_to_steady().tolist(), strict=True))
         about = {"config": result.config, "versions": result.versions, "test_seed": result.seed, "steps_to_90": steps}
         return cls(
             about,
-            _learning(load_learning_curve(folder), TrainingClock.of_run(folder)),
+            _learning(load_learning_curve(folder), TrainingClock.of_run(folder), result),
             _episodes(result),
             _rewards(result),
         )
 
     @property
     def measures(self) -> list[str]:
-        """Names of what was measured: return_200 is the return after 200 steps, episode_1 that of a trial's first."""
+        """Names of what was measured: return_200 is the return after 200 steps, episode_1 that of a trial's first.
+
+        Where the environment tells successes, success_percent comes first, 100 or 0 of an episode.
+        """
         return [str(name) for name in self.episodes.columns.drop(["task", "episode"])]
 
     def scores(self, measure: str) -> pd.Series[float]:
@@ -129,14 +132,20 @@ class RunRecord(NamedTuple):
         }
 
 
-def _learning(curve: LearningCurve, clock: TrainingClock | None) -> pd.DataFrame:
-    """Tabulate a learning curve, a row per episode: ``RunRecord.learning``."""
+def _learning(curve: LearningCurve, clock: TrainingClock | None, result: AdaptationResult) -> pd.DataFrame:
+    """Tabulate a learning curve, a row per episode: ``RunRecord.learning``. Tasks are called as in the test."""
+    tested = {np.float32(task).tobytes(): label for task, label in zip(result.tasks, result.labels, strict=True)}
     timesteps = np.repeat(curve.timesteps, curve.returns.shape[1])
     return pd.DataFrame(
         {
             "timesteps": timesteps,
             "seconds": np.nan if clock is None else clock.at(timesteps),
-            "task": [task_label(task) for row in curve.tasks for task in row],
+            "task": [
+                tested.get(task.tobytes(), name or task_label(task))
+                for task, name in zip(
+                    curve.tasks.reshape(-1, curve.tasks.shape[-1]), curve.called().ravel(), strict=True
+                )
+            ],
             "return": curve.returns.ravel(),
         }
     )
@@ -146,9 +155,11 @@ def _episodes(result: AdaptationResult) -> pd.DataFrame:
     """Tabulate the final test, a row per episode: ``RunRecord.episodes``."""
     n_tasks, n_episodes, _ = result.rewards.shape
     columns: dict[str, Any] = {
-        "task": np.repeat([task_label(task) for task in result.tasks], n_episodes),
+        "task": np.repeat(result.labels, n_episodes),
         "episode": np.tile(np.arange(n_episodes), n_tasks),
     }
+    if result.successes is not None:
+        columns["success_percent"] = 100 * result.successes.ravel()
     n_inner = result.config.get("n_inner_episodes", 1)
     if n_inner > 1:
         inner = result.returns_per_episode(n_inner).reshape(-1, n_inner)
@@ -164,7 +175,7 @@ def _rewards(result: AdaptationResult) -> pd.DataFrame:
     if n_tasks > FEW_TASKS:
         groups = {"all": result.rewards.reshape(-1, horizon)}
     else:
-        groups = {task_label(task): rows for task, rows in zip(result.tasks, result.rewards, strict=True)}
+        groups = dict(zip(result.labels, result.rewards, strict=True))
     steps = np.arange(1, horizon + 1)
     bands = {name: Band.of(steps, rewards.astype(np.float64)) for name, rewards in groups.items()}
     tables = [

@@ -200,3 +200,21 @@ def test_commit_is_that_of_the_clone_that_tracks_the_file(tmp_path: Path) -> Non
     assert commit(file) == git("rev-parse", "HEAD")
     file.write_text("two\n")
     assert re.fullmatch(r"[0-9a-f]{40}-dirty", commit(file) or "")
+
+
+def test_names_of_tasks_and_successes_come_from_the_environment() -> None:
+    class Telling(GainEnv):
+        """Names its task, and calls an episode with a gain of 2 or more a success."""
+
+        def reset(self, **kwargs: Any) -> Any:
+            observation, info = super().reset(**kwargs)
+            return observation, info | {"task_name": f"gain {info['task'][0]:g}"}
+
+        def step(self, action: NDArray[np.float32]) -> Any:
+            *rest, info = super().step(action)
+            return *rest, info | {"is_success": bool(self.task[0] >= 2)}
+
+    result = evaluate_adaptation(Counter(), Telling, [[1.0, 2.0], [3.0, 2.0]], n_episodes=3, max_envs=2)
+    assert result.labels == ["gain 1", "gain 3"] and result.success_rates().tolist() == [0.0, 1.0]
+    silent = evaluate_adaptation(Counter(), GainEnv, [[1.0, 2.0]], n_episodes=1)
+    assert silent.names is None and silent.successes is None

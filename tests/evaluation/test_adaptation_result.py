@@ -178,3 +178,32 @@ def test_rewards_are_checked(curve: list[float]) -> None:
 def test_config_is_checked(value: object) -> None:
     with pytest.raises(ValueError, match=r"config=.* is not JSON .*: keep strings"):
         result_of([1.0], config={"key": value})
+
+
+def test_names_and_successes_are_shown_and_kept(tmp_path) -> None:
+    successes = np.array([[1.0, 0.0], [np.nan, np.nan]])
+    rewards = np.ones((2, 2, 3))
+    result = AdaptationResult([[1.0], [2.0]], rewards, names=["slow", "fast"], successes=successes)
+    result.save(tmp_path / "result.json")
+    read = AdaptationResult.load(tmp_path / "result.json")
+    assert read.labels == ["slow", "fast"] and AdaptationResult([[1.0], [2.0]], rewards).labels == ["1", "2"]
+    np.testing.assert_array_equal(read.successes, successes)
+    np.testing.assert_array_equal(read.success_rates(), [0.5, np.nan])
+    assert read.success_rate() == 0.5
+    lines = read.summary().splitlines()
+    assert lines[1].endswith("success") and lines[2].startswith("slow") and lines[2].endswith("50 %")
+    with pytest.raises(ValueError, match="is_success"):
+        AdaptationResult([[1.0]], np.ones((1, 1, 3))).success_rate()
+
+
+@pytest.mark.parametrize(
+    ("bad", "named"),
+    [
+        ({"names": ["slow"]}, "names has 1 entries for 2 tasks"),
+        ({"successes": np.ones((2, 1))}, "successes have shape"),
+        ({"successes": np.full((2, 2), 0.5)}, "give 0, 1 or NaN"),
+    ],
+)
+def test_names_and_successes_that_do_not_fit_are_refused(bad, named) -> None:
+    with pytest.raises(ValueError, match=named):
+        AdaptationResult([[1.0], [2.0]], np.ones((2, 2, 3)), **bad)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,8 @@ class CycleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     observation_space = Box(-1.0, 1.0, (1,))
     action_space = Box(-1.0, 1.0, (1,))
 
-    def __init__(self, n_tasks: int = 3, named: bool = True) -> None:
-        self.resets, self.n_tasks, self.named = -1, n_tasks, named
+    def __init__(self, n_tasks: int = 3, named: bool = True, call: Callable[[float], str] | None = None) -> None:
+        self.resets, self.n_tasks, self.named, self.call = -1, n_tasks, named, call
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -38,7 +39,13 @@ class CycleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         task = self.resets % self.n_tasks + 1.0
         info = {"task": np.array([task], dtype=np.float32), "is_success": task > 1.0} if self.named else {}
-        return np.zeros(1, dtype=np.float32), task, True, False, info
+        return (
+            np.zeros(1, dtype=np.float32),
+            task,
+            True,
+            False,
+            info | ({"task_name": self.call(task)} if self.call else {}),
+        )
 
 
 def learn(env: gym.Env[Any, Any], folder: Path, **kwargs: Any) -> dict[str, list[float]]:
@@ -71,6 +78,18 @@ def test_learning_curve_holds_the_task_of_each_episode(tmp_path: Path) -> None:
     np.testing.assert_array_equal(curve.tasks, curve.returns[..., None])
 
 
+def test_tasks_with_names_are_logged_and_kept_by_them(tmp_path: Path) -> None:
+    env = Monitor(CycleEnv(call=lambda task: f"{task} m/s"))
+    logged = learn(env, tmp_path, n_eval_episodes=3)
+    assert logged["eval/return_task_2.0_m_s"] == [2, 2] and logged["eval/success_task_1.0_m_s"] == [0, 0]
+    assert load_learning_curve(tmp_path).names[0].tolist() == ["1.0 m/s", "2.0 m/s", "3.0 m/s"]
+
+
+def test_tasks_of_one_name_are_logged_apart(tmp_path: Path) -> None:
+    logged = learn(Monitor(CycleEnv(call=lambda task: "fast")), tmp_path, n_eval_episodes=3, warn=False)
+    assert [np.sum(logged[f"eval/return_task_fast{end}"]) for end in ("", "_2", "_3")] == [2, 4, 6]
+
+
 def test_endless_tasks_do_not_flood_the_log(tmp_path: Path) -> None:
     logged = learn(Monitor(CycleEnv(n_tasks=1_000)), tmp_path, n_eval_episodes=60)
     assert sum(key.startswith("eval/return_task_") for key in logged) == 50
@@ -95,9 +114,9 @@ def test_a_second_learn_goes_on_where_the_first_stopped(tmp_path: Path) -> None:
 def test_an_evaluation_cut_short_between_the_two_files_is_left_out(tmp_path: Path) -> None:
     learn(Monitor(CycleEnv()), tmp_path, n_eval_episodes=2)
     stored = np.load(tmp_path / "evaluation_tasks.npz")["tasks"]
-    np.savez(tmp_path / "evaluation_tasks.npz", tasks=stored[:1])
+    np.savez(tmp_path / "evaluation_tasks.npz", tasks=stored[:1])  # as an earlier version did, without names
     curve = load_learning_curve(tmp_path)
-    assert [len(values) for values in curve] == [1, 1, 1]
+    assert [len(values) for values in curve[:3]] == [1, 1, 1] and curve.called().shape == (1, 2)
 
 
 def model_after(steps: int) -> SAC:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sb3_bruno.evaluation.task_names import pooled_title, task_label, task_labels, task_title
+from sb3_bruno.evaluation.task_names import log_key, pooled_title, task_label, task_labels, task_title
 
 
 def test_task_labels() -> None:
@@ -30,3 +30,19 @@ def test_a_task_of_many_numbers_is_called_by_its_place_and_a_name() -> None:
     assert all(len(label) == 9 for label in labels)
     assert labels[1].endswith(task_label(tasks[1])), "wherever it stands"
     assert task_labels(tasks[:, :2]) == [task_label(task) for task in tasks[:, :2]]
+
+
+def test_names_are_labels_and_titles_unless_two_tasks_share_one() -> None:
+    tasks = [[0.5], [1.0], [2.0], [3.0]]
+    labels = task_labels(tasks, ["slow", "fast", "fast", ""])
+    assert labels == ["slow", "fast (1)", "fast (2)", "3"]
+    assert [task_title(label) for label in labels] == ["slow", "fast (1)", "fast (2)", "task 3"]
+    assert task_title("1.9 m/s") == "1.9 m/s" and task_title("goal (0.5, -1)") == "goal (0.5, -1)"
+    assert task_title("-1e-05_2e+10") == "task (-1e-05, 2e+10)"
+
+
+@pytest.mark.parametrize(
+    ("label", "key"), [("forward", "forward"), ("1.9 m/s", "1.9_m_s"), ("(0.5, -1)", "0.5_-1"), ("0.5_-1", "0.5_-1")]
+)
+def test_a_log_key_holds_no_slash_and_no_space(label: str, key: str) -> None:
+    assert log_key(label) == key

@@ -152,3 +152,24 @@ def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monk
     monkeypatch.setattr(sys, "argv", ["sb3-bruno", "report", "--out", str(tmp_path / "none")])
     with pytest.raises(SystemExit, match="give folders of runs that were tested"):
         console()
+
+
+def test_names_of_tasks_and_successes_go_from_the_test_to_the_page(tmp_path: Path) -> None:
+    run = run_folder(tmp_path / "run", 3)
+    result = AdaptationResult.load(run / "adaptation.json")
+    successes = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 1.0]])
+    named = AdaptationResult(
+        result.tasks, result.rewards, result.config, 0, result.versions, ["backward", "forward"], successes
+    )
+    named.save(run / "adaptation.json")
+    record = RunRecord.from_run(run)
+    record.save(tmp_path / "record")
+    read = RunRecord.load(tmp_path / "record")
+    assert read.learning["task"].tolist() == ["backward", "forward"] * 2 and list(read.parts()) == [
+        "backward",
+        "forward",
+    ]
+    assert read.measures == ["success_percent", "return_200", "return_210"]
+    assert read.scores("success_percent").to_dict() == pytest.approx({"backward": 200 / 3, "forward": 100})
+    head, _, row = by_method({read.method: [read]})
+    assert "| success, % |" in head and "| 83.3 |" in row and "210 steps, forward" in head

@@ -79,6 +79,12 @@ class CartpoleSwingUpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise ValueError(f"task={task!r} has no positive mass and length: give (kg, m), both above 0.")
         self.mass, self.length = mass, length
 
+    @staticmethod
+    def name_task(task: ArrayLike) -> str:
+        """Return mass and length of the pole."""
+        mass, length = np.asarray(task, dtype=np.float64).tolist()
+        return f"pole of {mass:.4g} kg, {length:.4g} m"
+
     def accelerations(self, force: float) -> tuple[float, float]:
         """Return the accelerations of cart (m/s^2) and pole (rad/s^2) under ``force`` (N)."""
         _, velocity, angle, spin = self.state

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.classic.point import PointEnv
 from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.naming import direction_name
 from sb3_bruno_envs.tasks import TaskSet
 
 _ACTION_COST = 0.05
@@ -39,6 +40,12 @@ class PointDirEnv(PointEnv):
     def set_task(self, task: ArrayLike) -> None:
         """Set the direction from a task ``(2,)``, a unit vector."""
         self.direction = np.array(task, dtype=np.float64)
+
+    @staticmethod
+    def name_task(task: ArrayLike) -> str:
+        """Return ``"right"``, ``"left"``, ``"up"`` or ``"down"``, or the angle of another direction."""
+        name = direction_name(task)
+        return {"0 degrees": "right", "180 degrees": "left", "90 degrees": "up", "-90 degrees": "down"}.get(name, name)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Move at the velocity ``action``."""

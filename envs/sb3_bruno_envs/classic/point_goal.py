@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.classic.point_mass import PointMassEnv, check_dim
 from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.naming import place_name
 from sb3_bruno_envs.tasks import TaskSet
 
 
@@ -35,6 +36,11 @@ class PointGoalEnv(PointMassEnv):
     def set_task(self, task: ArrayLike) -> None:
         """Set the goal from a task ``(dim,)``, its position."""
         self.goal = np.array(task, dtype=np.float64)
+
+    @staticmethod
+    def name_task(task: ArrayLike) -> str:
+        """Return the coordinates of the goal."""
+        return f"goal {place_name(task)}"
 
     def start(self) -> NDArray[np.float64]:
         return 0.1 * self.np_random.standard_normal(self.dim)

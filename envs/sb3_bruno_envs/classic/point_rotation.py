@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.classic.point_mass import PointMassEnv
 from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.naming import direction_name
 from sb3_bruno_envs.tasks import TaskSet
 
 
@@ -31,6 +32,11 @@ class PointRotationEnv(PointMassEnv):
     def set_task(self, task: ArrayLike) -> None:
         """Set the angle from a task ``(2,)``, its cosine and sine."""
         self.cos, self.sin = np.array(task, dtype=np.float64)
+
+    @staticmethod
+    def name_task(task: ArrayLike) -> str:
+        """Return the angle."""
+        return direction_name(task)
 
     def applied(self, action: NDArray[np.float64]) -> NDArray[np.float64]:
         """Turn the action counterclockwise."""

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.classic.point import PointEnv
 from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.naming import direction_name
 from sb3_bruno_envs.tasks import TaskSet
 
 EPISODE_STEPS = 20  # just enough to sweep the half circle of goals once
@@ -43,6 +44,11 @@ class SparsePointGoalEnv(PointEnv):
     def set_task(self, task: ArrayLike) -> None:
         """Set the goal from a task ``(2,)``, its position."""
         self.goal = np.array(task, dtype=np.float64)
+
+    @staticmethod
+    def name_task(task: ArrayLike) -> str:
+        """Return the angle of the goal, seen from the start."""
+        return f"goal at {direction_name(task)}"
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Move at the velocity ``action``."""

@@ -46,6 +46,12 @@ class CheetahParamsEnv(MetaHalfCheetahEnv):
         mass, damping, friction, strength = factors
         scale_physics(self, mass=mass, damping=damping, friction=friction, gear=strength)
 
+    @staticmethod
+    def name_task(task: ArrayLike) -> str:
+        """Return the four factors."""
+        mass, damping, friction, strength = np.asarray(task, dtype=np.float64).tolist()
+        return f"mass {mass:.3g}, damping {damping:.3g}, friction {friction:.3g}, strength {strength:.3g}"
+
     def progress(self, x_velocity: float) -> float:
         """Return the forward velocity, m/s."""
         return x_velocity

@@ -56,6 +56,12 @@ class CheetahDirEnv(MetaHalfCheetahEnv):
         backward, forward = np.asarray(task, dtype=np.float64).tolist()
         self.direction = forward - backward
 
+    @staticmethod
+    def name_task(task: ArrayLike) -> str:
+        """Return ``"forward"`` or ``"backward"``."""
+        backward, forward = np.asarray(task, dtype=np.float64).tolist()
+        return "forward" if forward > backward else "backward"
+
     def progress(self, x_velocity: float) -> float:
         """Return the velocity in the hidden direction, m/s."""
         return self.direction * x_velocity
@@ -69,6 +75,11 @@ class CheetahVelEnv(MetaHalfCheetahEnv):
     def set_task(self, task: ArrayLike) -> None:
         """Set the target velocity from a task ``(1,)``, in m/s."""
         (self.velocity,) = np.asarray(task, dtype=np.float64).tolist()
+
+    @staticmethod
+    def name_task(task: ArrayLike) -> str:
+        """Return the velocity."""
+        return f"{np.asarray(task, dtype=np.float64).item():.5g} m/s"
 
     def progress(self, x_velocity: float) -> float:
         """Return minus the distance to the target velocity, m/s."""

@@ -33,7 +33,8 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     ``apply_task`` writes the task into the environment, by default into ``env.unwrapped`` and before it resets. The
     task is privileged: the observation never shows it, but every reset and step names it in ``info["task"]``
-    (float32, ``(dim,)``) and ``info["task_index"]`` (its row in the split's finite set, or -1).
+    (float32, ``(dim,)``) and ``info["task_index"]`` (its row in the split's finite set, or -1), and in
+    ``info["task_name"]`` if tasks have names.
 
     Tasks come from a generator of their own, spawned from the reset seed. It shares no number with the
     environment's generator, so the first observation says nothing about the task.
@@ -53,6 +54,9 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             what the task changes, ``apply_task`` returns the new first observation, else None.
         unwrap: False calls ``apply_task(env, task)`` with the wrappers inside this one, if one of them keeps what the
             task changes: ``env.set_wrapper_attr(name, value)`` reaches it.
+        name_task: what people call a task, ``name_task(task)``, such as ``"1.9 m/s"``; it goes to
+            ``info["task_name"]``, and from there to logs, tables and figures. Give different tasks different names.
+            None: tasks have no names.
 
     Raises:
         ValueError: if an argument is invalid, endless tasks should cycle, a task is outside ``task_space``, or there is
@@ -78,6 +82,7 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         task_space: Box | None = None,
         when: When = "before_reset",
         unwrap: bool = True,
+        name_task: Callable[[Task], str] | None = None,
     ) -> None:
         check_split(split)
         if draw not in get_args(Draw):
@@ -88,6 +93,8 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             raise ValueError("apply_task=None cannot set the given tasks: pass apply_task(env.unwrapped, task).")
         if apply_task is not None and not callable(apply_task):
             raise ValueError(f"apply_task={apply_task!r} is no function: pass apply_task(env.unwrapped, task).")
+        if name_task is not None and not callable(name_task):
+            raise ValueError(f"name_task={name_task!r} is no function: pass name_task(task), which returns a text.")
         layer: Any = env
         while isinstance(layer, gym.Wrapper):
             if isinstance(layer, MetaTask):
@@ -108,6 +115,7 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             task_space=task_space,
             when=when,
             unwrap=unwrap,
+            name_task=name_task,
         )
         super().__init__(env)
         self._apply_task = apply_task
@@ -116,6 +124,8 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._draw: Draw = draw
         self._when: When = when
         self._unwrap = unwrap
+        self._name_task = name_task
+        self._task_name: str | None = None  # of the current episode
         self._task: Task | None = None  # of the current episode
         self._task_index = -1
         self._kept: Task | None = None  # the task that draw="fixed" gives again
@@ -157,6 +167,7 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             self._restart_drawing(seed)
         self._task = self._next_task() if given is None else given
         self._task_index = self._index_of(self._task)
+        self._task_name = None if self._name_task is None else self._named(self._name_task)
         if self._draw == "fixed":
             self._kept = self._task
         if self._when == "before_reset":
@@ -210,5 +221,13 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         """Return the first row of the split's finite set that equals ``task``, or -1."""
         return self._distribution.index(task, self._split) if isinstance(self._distribution, TaskSet) else -1
 
+    def _named(self, name_task: Callable[[Task], str]) -> str:
+        """Return the name of the current task."""
+        name = name_task(self.task)
+        if not isinstance(name, str) or not name:
+            raise ValueError(f"name_task({self.task}) returned {name!r}: return a text, such as 'forward'.")
+        return name
+
     def _with_task(self, info: dict[str, Any]) -> dict[str, Any]:
-        return {**info, "task": self.task, "task_index": self._task_index}
+        named = {} if self._task_name is None else {"task_name": self._task_name}
+        return {**info, "task": self.task, "task_index": self._task_index, **named}
