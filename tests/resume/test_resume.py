@@ -1,23 +1,15 @@
 """Exact resume: the resumed run equals the uninterrupted one, bit for bit, whenever the process dies."""
 
-import time
-from contextlib import nullcontext
-
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch as th
-import zuko
-from gymnasium.utils import EzPickle
 from stable_baselines3 import PPO, SAC, HerReplayBuffer
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.envs import BitFlippingEnv
 from stable_baselines3.common.monitor import Monitor, load_results
 from stable_baselines3.common.vec_env import (
     DummyVecEnv,
-    SubprocVecEnv,
-    VecCheckNan,
     VecFrameStack,
     VecMonitor,
     VecNormalize,
@@ -25,30 +17,12 @@ from stable_baselines3.common.vec_env import (
 
 from sb3_bruno import BrunoSAC, RecurrentCrossQ, RecurrentSAC
 from sb3_bruno.resume.checkpoint import ResumeCallback, resume
-from sb3_bruno_envs import MetaTask, TransitionObservation
+from support.resumed_runs import COMMON, SETTINGS, Die, fingerprint, point, scramble_random_states, tensors_of
 
 STEPS = 240
-COMMON = {
-    "seed": 3,
-    "learning_starts": 40,
-    "gradient_steps": 1,
-    "batch_size": 32,
-    "buffer_size": 300,
-    "policy_kwargs": {"net_arch": [16]},
-}
-SETTINGS = {
-    **COMMON,
-    "encoder_kwargs": {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}},
-    "encoder_batch_size": 4,
-    "replay_buffer_kwargs": {"n_sequences": 4, "sequence_length": 16},
-}
 GRU = {"hidden_size": 8}
 LSTM = {"hidden_size": 8, "cell": "lstm"}
 RECURRENT = {**COMMON, "encoder_kwargs": GRU, "replay_buffer_kwargs": {"n_sequences": 4}}
-
-
-def point(n_envs=3, **kwargs):
-    return make_vec_env("sb3_bruno_envs:PointDir-v0", n_envs, seed=0, **kwargs)
 
 
 def trials():
@@ -61,46 +35,6 @@ def normalized():
 
 def watched():
     return VecMonitor(VecNormalize(DummyVecEnv([lambda: gym.make("sb3_bruno_envs:PointDir-v0")] * 3)))
-
-
-class Die(BaseCallback):
-    """Ends training in the middle of a rollout, as a kill would."""
-
-    def __init__(self, after):
-        super().__init__()
-        self.after = after
-
-    def _on_step(self):
-        if self.num_timesteps >= self.after:
-            raise KeyboardInterrupt
-        return True
-
-
-class EzPickled(gym.Wrapper, EzPickle):
-    """Forgets its state when pickled."""
-
-    def __init__(self, env):
-        gym.Wrapper.__init__(self, env)
-        EzPickle.__init__(self, env)
-
-
-def fingerprint(model):
-    tensors = [tensor for part in model.get_parameters().values() for tensor in _tensors(part)]
-    arrays = [model.replay_buffer.observations, model.replay_buffer.rewards, *model._carried.pack()]
-    return [tensor.detach().clone() for tensor in tensors] + [th.as_tensor(array).clone() for array in arrays]
-
-
-def _tensors(part):
-    if isinstance(part, th.Tensor):
-        return [part.cpu()]  # Adam counts its steps there, unless it was loaded
-    if isinstance(part, dict):
-        return [tensor for value in part.values() for tensor in _tensors(value)]
-    return []
-
-
-def scramble_random_states():
-    np.random.seed(99)  # noqa: NPY002  # what SB3 draws from
-    th.manual_seed(98)
 
 
 @pytest.mark.parametrize(
@@ -156,7 +90,7 @@ def test_sb3s_own_algorithms_are_resumed_alike(tmp_path):
     scramble_random_states()
     resumed = resume(path, make_env())
     resumed.learn(STEPS - resumed.num_timesteps, reset_num_timesteps=False)
-    for tensor, expected in zip(_tensors(resumed.get_parameters()), _tensors(whole.get_parameters()), strict=True):
+    for tensor, expected in zip(tensors_of(resumed.get_parameters()), tensors_of(whole.get_parameters()), strict=True):
         assert th.equal(tensor, expected)
 
 
@@ -228,87 +162,6 @@ def test_the_cheetahs_physics_goes_on_where_it_was(tmp_path):
     resumed.learn(240 - resumed.num_timesteps, reset_num_timesteps=False)
     for tensor, expected in zip(fingerprint(resumed), fingerprint(whole), strict=True):
         assert th.equal(tensor, expected)
-
-
-def test_envs_whose_state_is_lost_go_on_with_a_new_episode_and_say_so(tmp_path):
-    path = tmp_path / "checkpoint.pkl"
-
-    def in_processes():
-        return point(2, vec_env_cls=SubprocVecEnv)
-
-    env = in_processes()
-    BrunoSAC("MlpPolicy", env, **SETTINGS).learn(150, ResumeCallback(path, 60))
-    env.close()
-    env = in_processes()
-    with pytest.warns(UserWarning, match="new episode, because the state of envs inside SubprocVecEnv"):
-        model = resume(path, env)
-    steps = model.num_timesteps
-    model.learn(60, reset_num_timesteps=False)
-    assert model.num_timesteps == steps + 60
-    env.close()
-
-
-@pytest.mark.mujoco
-def test_envs_that_are_moved_to_other_processes_go_on_with_a_new_episode_and_say_so(tmp_path):
-    path = tmp_path / "checkpoint.pkl"
-    BrunoSAC("MlpPolicy", point(2), **SETTINGS).learn(90, ResumeCallback(path, 40))
-    with pytest.warns(UserWarning, match="new episode, because saved envs cannot be put into SubprocVecEnv"):
-        model = resume(path, point(2, vec_env_cls=SubprocVecEnv))
-    model.learn(20, reset_num_timesteps=False)
-    model.env.close()
-
-
-def test_an_env_that_forgets_its_state_when_pickled_is_found_out(tmp_path):
-    def make_env():
-        return TransitionObservation(MetaTask(gym.make("HalfCheetah-v5", max_episode_steps=50)))
-
-    path = tmp_path / "checkpoint.pkl"
-    BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(90, ResumeCallback(path, 40))
-    with pytest.warns(UserWarning, match="HalfCheetahEnv pickles its constructor's arguments"):
-        resume(path, make_env())
-
-
-def test_an_env_that_cannot_be_pickled_goes_on_with_new_episodes(tmp_path):
-    class Stubborn(gym.Wrapper):
-        def __getstate__(self):
-            raise TypeError("no")
-
-    def make_env():
-        return Stubborn(gym.make("sb3_bruno_envs:PointDir-v0"))
-
-    path = tmp_path / "checkpoint.pkl"
-    first = BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(90, ResumeCallback(path, 40))
-    with pytest.warns(UserWarning, match="cannot be pickled"):
-        model = resume(path, make_env())
-    steps = model.num_timesteps
-    model.learn(1, reset_num_timesteps=False)
-    starts = [agent.replay_buffer.observations[row, 0] for agent, row in ((first, 0), (model, steps))]
-    assert steps > 0 and not np.array_equal(*starts), "nor is it the run's first episode again"
-
-
-def test_a_wrapper_that_cannot_be_pickled_has_new_episodes_begin(tmp_path):
-    def make_env():
-        env = VecCheckNan(point())
-        env.unpicklable = (number for number in ())
-        return env
-
-    path = tmp_path / "checkpoint.pkl"
-    BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(90, ResumeCallback(path, 40))
-    with pytest.warns(UserWarning, match="new episode, because VecCheckNan cannot be pickled"):
-        resume(path, make_env()).learn(30, reset_num_timesteps=False)
-
-
-@pytest.mark.parametrize("wrapper", [gym.Wrapper, EzPickled])
-def test_the_time_between_kill_and_resumption_is_not_counted(tmp_path, monkeypatch, wrapper):
-    def make_env():
-        return DummyVecEnv([lambda: Monitor(wrapper(gym.make("sb3_bruno_envs:PointDir-v0")))])
-
-    BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(45, ResumeCallback(tmp_path / "checkpoint.pkl", 40))
-    now = time.time
-    monkeypatch.setattr(time, "time", lambda: now() + 1_000_000)
-    with pytest.warns() if wrapper is EzPickled else nullcontext():
-        model = resume(tmp_path / "checkpoint.pkl", make_env())
-    assert 0 < time.time() - model.env.get_attr("t_start")[0] < 1_000
 
 
 def test_mistakes_are_named(tmp_path):
