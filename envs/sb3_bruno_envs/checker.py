@@ -103,7 +103,7 @@ def _check_episode(env: Env, max_steps: int) -> Iterator[str]:
     task, no_action = info.get("task"), np.zeros(env.action_space.shape or ())
     found = {**_in_info(env, info, task), **_in_observation(env, observation, no_action.ravel(), 0.0, 1.0)}
     yield from (f"after the reset, {problem}" for problem in found.values())
-    found = {}
+    found, absorbs = {}, False
     for step in range(1, max_steps + 1):
         action = _nth_action(env.action_space, step)
         observation, reward, terminated, truncated, info = env.step(action)
@@ -115,9 +115,15 @@ def _check_episode(env: Env, max_steps: int) -> Iterator[str]:
         when = f"step {step}" + (", the episode's last" if terminated or truncated else "")
         for kind, problem in here.items():
             found.setdefault(kind, f"after {when}, {problem}")
+        absorbs |= not (terminated or truncated or "trial_final_observation" in info)
         if terminated or truncated:
             break
     yield from found.values()
+    if not absorbs:
+        yield Remark(
+            "Every (inner) episode of the one looked at ended after one step, before an action could make use of what "
+            "the step showed: nothing is inferred from them, so let them be longer."
+        )
 
 
 def _in_info(env: Env, info: dict[str, Any], task: NDArray[np.float32] | None) -> dict[str, str]:

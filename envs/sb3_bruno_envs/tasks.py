@@ -18,6 +18,9 @@ Task: TypeAlias = NDArray[np.float32]
 Split: TypeAlias = Literal["train", "test"]
 Sample: TypeAlias = Callable[[np.random.Generator], ArrayLike]
 
+LARGEST = 1e9
+"""Largest absolute value of a task's entry: products of larger ones overflow float32 in training."""
+
 
 class TaskSet:
     """Draws tasks uniformly from a finite set per split.
@@ -30,8 +33,8 @@ class TaskSet:
             outside it are extrapolation, see ``inside_train_box``.
 
     Raises:
-        ValueError: if the tasks are empty, ragged, not finite, of different dimensions or outside ``space``, or a
-            training task is outside ``train_box``.
+        ValueError: if the tasks are empty, ragged, not finite, beyond 1e9, of different dimensions or outside
+            ``space``, or a training task is outside ``train_box``.
 
     Example:
         >>> directions = TaskSet([[-1.0], [1.0]])
@@ -192,7 +195,7 @@ def check_task(task: ArrayLike, space: Box, name: str) -> Task:
     """Return ``task`` as a new float32 vector ``(dim,)`` of ``space``.
 
     Raises:
-        ValueError: if its shape is not that of the space, or a value is not finite or outside the bounds.
+        ValueError: if its shape is not that of the space, or a value is not finite, beyond 1e9 or outside the bounds.
     """
     try:
         vector = np.array(task, dtype=np.float32)
@@ -202,6 +205,8 @@ def check_task(task: ArrayLike, space: Box, name: str) -> Task:
         raise ValueError(f"{name} has shape {vector.shape}: give the shape of the task space, {space.shape}.")
     if not np.isfinite(vector).all() or not space.contains(vector):
         raise ValueError(f"{name} is {vector}, outside {space}: choose one inside, or widen task_space.")
+    if (np.abs(vector) > LARGEST).any():
+        raise ValueError(f"{name} is {vector}, and holds a number beyond {LARGEST:.0e}: give it in larger units.")
     return vector
 
 
@@ -219,6 +224,9 @@ def _task_matrix(tasks: ArrayLike, name: str) -> NDArray[np.float32]:
     bad = np.flatnonzero(~np.isfinite(matrix).all(axis=1)).tolist()
     if bad:
         raise ValueError(f"{name} tasks hold NaN or infinity in rows {bad}: remove these rows.")
+    large = np.flatnonzero((np.abs(matrix) > LARGEST).any(axis=1)).tolist()
+    if large:
+        raise ValueError(f"{name} tasks hold numbers beyond {LARGEST:.0e} in rows {large}: give them in larger units.")
     matrix.setflags(write=False)
     return matrix
 

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from sb3_bruno_envs.tasks import TaskSampler, TaskSet, as_task_distribution
+from sb3_bruno.buffers import numbers
+from sb3_bruno_envs.tasks import LARGEST, TaskSampler, TaskSet, as_task_distribution
 
 UNIT = Box(0.0, 1.0, (1,))
 FLOATS = st.floats(-1e6, 1e6, width=32)
@@ -69,6 +70,8 @@ def test_sets_are_equal_by_value_even_after_pickling():
         ([[1.0], [np.nan]], None, r"NaN or infinity in rows \[1\]"),
         ([[1.0]], [[np.inf]], r"test tasks hold NaN or infinity in rows \[0\]"),
         ([[1.0]], [[1.0, 2.0]], "same number of columns"),
+        ([[1.0], [-2e9]], None, r"train tasks hold numbers beyond 1e\+09 in rows \[1\]: give them in larger units"),
+        ([[1.0]], [[1.0], [1e10]], r"test tasks hold numbers beyond 1e\+09 in rows \[1\]"),
     ],
 )
 def test_invalid_sets_are_refused_with_a_remedy(train, test, message):
@@ -165,3 +168,10 @@ def test_the_index_of_a_task_is_its_first_row(rows):
     for row in [*rows, [-1.0, 4.0]]:
         assert tasks.index(row) == (rows.index(row) if row in rows else -1)
     assert tasks.index([3.0, 3.0], "test") == 0
+
+
+def test_a_sampled_task_is_bounded_as_the_replay_buffer_bounds_it():
+    assert numbers.LARGEST == LARGEST
+    draw = TaskSampler(lambda rng: [2e9], Box(0.0, np.inf, (1,))).draw
+    with pytest.raises(ValueError, match=r"the sampled train task is .*, and holds a number beyond 1e\+09"):
+        draw(np.random.default_rng(0))
