@@ -12,6 +12,7 @@ from zuko.flows import NSF
 from zuko.lazy import Flow, LazyTransform, UnconditionalDistribution
 
 from sb3_bruno.maths.autoregression import AffineAutoregression
+from sb3_bruno.maths.flow_arguments import build_flow
 from sb3_bruno.maths.reflection import ConditionalReflection
 
 
@@ -97,7 +98,7 @@ class ConditionalFlow(nn.Module):
         flow_kwargs: further arguments of ``flow_class``.
 
     Raises:
-        ValueError: if ``flow_class`` is a name that is not in ``FLOWS``.
+        ValueError: if ``flow_class`` is a name that is not in ``FLOWS``, or does not take ``flow_kwargs``.
         TypeError: if ``flow_class`` does not build a zuko flow.
     """
 
@@ -111,12 +112,14 @@ class ConditionalFlow(nn.Module):
         super().__init__()
         self.transform: LazyTransform | None = None
         if flow_class is None:
+            if flow_kwargs:
+                raise ValueError(f"`flow_kwargs={flow_kwargs!r}` is for a flow, and `flow_class=None`: leave it out.")
             return
         if isinstance(flow_class, str):
             if flow_class not in FLOWS:
                 raise ValueError(f"flow_class={flow_class!r} is unknown: give one of {sorted(FLOWS)} or a zuko flow.")
             flow_class = FLOWS[flow_class]
-        flow = flow_class(features, context, **(flow_kwargs or {}))
+        flow = build_flow(flow_class, features, context, flow_kwargs)
         if not isinstance(flow, Flow):
             raise TypeError(
                 f"flow_class={flow_class!r} builds a {type(flow).__name__} and no zuko.lazy.Flow: try zuko.flows.MAF."

@@ -2,6 +2,7 @@
 
 import io
 import math
+import re
 from functools import partial
 
 import pytest
@@ -87,6 +88,28 @@ def test_no_flow_is_the_identity():
 def test_a_name_that_is_no_flow_is_refused():
     with pytest.raises(ValueError, match=r"flow_class='nmaf' is unknown: give one of .*reflected_maf"):
         ConditionalFlow(2, 3, flow_class="nmaf")
+
+
+@pytest.mark.parametrize(
+    ("flow_class", "flow_kwargs", "error"),
+    [
+        (zuko.flows.MAF, {"transform": 2}, "`flow_kwargs` has no `transform`: did you mean `transforms`?"),
+        (zuko.flows.MAF, {"hiden_features": (8,)}, "`flow_kwargs` has no `hiden_features`: did you mean `hidden_feat"),
+        (zuko.flows.NSF, {"bin": 8}, "`flow_kwargs` has no `bin`: did you mean `bins`?"),
+        (zuko.flows.NSF, {"activaton": None}, "`flow_kwargs` has no `activaton`: did you mean `activation`?"),
+        (zuko.flows.NICE, {"hiden_features": (8,)}, "did you mean `hidden_features`?"),
+        (zuko.flows.MAF, {"xyz": 2}, "`flow_kwargs` has no `xyz`: it takes transforms, randperm, "),
+        ("spline", {"bins": 8}, "`flow_kwargs` has no `bins`: it takes nothing."),
+        (zuko.flows.MAF, {"transforms": "many"}, "`flow_kwargs={'transforms': 'many'}` cannot be: TypeError"),
+        (zuko.flows.MAF, {"hidden_features": 8}, "`flow_kwargs={'hidden_features': 8}` cannot be: TypeError"),
+        (zuko.flows.MAF, [("transforms", 2)], "`flow_kwargs=[('transforms', 2)]` is no dict"),
+        (None, {"transforms": 2}, "`flow_kwargs={'transforms': 2}` is for a flow, and `flow_class=None`: leave it"),
+    ],
+    ids=str,
+)
+def test_what_a_flow_does_not_take_is_named(flow_class, flow_kwargs, error):
+    with pytest.raises((TypeError, ValueError), match=re.escape(error)):
+        ConditionalFlow(2, 3, flow_class, flow_kwargs)
 
 
 @pytest.mark.parametrize("flow_class", ["paper_maf", "reflected_maf"])
