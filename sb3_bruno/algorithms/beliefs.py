@@ -19,7 +19,16 @@ from sb3_bruno.algorithms.reading import read_batch, read_numbers
 from sb3_bruno.algorithms.values import check_whole
 from sb3_bruno.buffers.numbers import check_numbers
 from sb3_bruno.buffers.observed import TransitionArrays, normalize, unnormalize
-from sb3_bruno.encoders import HasPosterior, InfersTask, Moments, Outcomes, Predicts, PredictsMoments, Transitions
+from sb3_bruno.encoders import (
+    HasPosterior,
+    InfersTask,
+    Moments,
+    Outcomes,
+    Predicts,
+    PredictsMoments,
+    TaskEncoder,
+    Transitions,
+)
 from sb3_bruno.encoders.abilities import check_ability
 from sb3_bruno.encoders.base import AnyMemory, map_memory
 
@@ -76,7 +85,14 @@ class AgentView:
     def carried(self, state: State) -> TaskBelief:
         """Read the belief in a state that ``predict`` returned, batch shape (n_envs,)."""
         with th.no_grad():
-            return self._belief(Carried.unpack(state, self.encoder, self.policy.device).memory)
+            carried = Carried.unpack(state, self.encoder, self.policy.device)
+            observation_dim = flatdim(self.policy.observation_space["observation"])
+            if carried.observation.shape[1:] != (observation_dim,):
+                raise ValueError(
+                    f"`state` holds observations of shape {tuple(carried.observation.shape[1:])}, this model's have "
+                    f"{(observation_dim,)}: pass back the state that its own `predict` returned."
+                )
+            return self._belief(carried.memory)
 
     def outcomes(
         self,
@@ -109,7 +125,7 @@ class AgentView:
         self, belief: TaskBelief, observations: ArrayLike, actions: ArrayLike, next_observations: ArrayLike | None
     ) -> tuple[AnyMemory, th.Tensor, th.Tensor, th.Tensor | None]:
         """Show what may follow which belief as the agent observes it: memory, observations, actions, arrivals."""
-        _check_belief(belief)
+        _check_belief(belief, self.encoder)
         arrivals = observations if next_observations is None else next_observations
         batch = tuple(belief.posterior.mean.shape[:-1])
         here = self.observe(observations, actions, np.zeros((*batch, 1)), arrivals, batch=batch)
@@ -152,7 +168,7 @@ class AgentView:
     ) -> NDArray[np.float32]:
         """Compute the posterior over candidate tasks."""
         encoder: InfersTask = check_ability(self.encoder, InfersTask, "`task_probabilities`")
-        _check_belief(belief)
+        _check_belief(belief, self.encoder)
         candidates, task_dim = read_numbers("tasks", tasks), flatdim(self.policy.task_space)
         if candidates.ndim != 2 or candidates.shape[1] != task_dim:
             raise ValueError(f"`tasks` has shape {candidates.shape}: give candidates of shape (n, {task_dim}).")
@@ -184,9 +200,24 @@ class AgentView:
         return Outcomes(_like(samples.rewards, own_rewards), _like(samples.next_observations, own_arrivals))
 
 
-def _check_belief(belief: Any) -> None:
+def _check_belief(belief: Any, encoder: TaskEncoder) -> None:
+    """Refuse what is no belief, or one of an encoder that keeps another memory."""
     if not isinstance(belief, TaskBelief):
         raise TypeError(f"`belief={belief!r}` is no belief: give what `infer` or `belief` returned.")
+    own = encoder.empty(tuple(belief.posterior.mean.shape[:-1]))
+    reader: HasPosterior = check_ability(encoder, HasPosterior, "A belief to read")
+    kept, needed = _kind(belief.memory, belief.posterior), _kind(own, reader.posterior(own))
+    if kept != needed:
+        raise ValueError(
+            f"`belief` is of another model: it rests on {kept}, and this {type(encoder).__name__} keeps {needed}. Give "
+            "what this model's own `infer` or `belief` returned."
+        )
+
+
+def _kind(memory: AnyMemory, posterior: Distribution) -> str:
+    """Describe a belief by its classes and the shapes of its tensors."""
+    shapes = [tuple(tensor.shape) for tensor in memory]
+    return f"{type(memory).__name__} of shapes {shapes}, a {type(posterior).__name__}"
 
 
 def _read_log_prior(log_prior: ArrayLike) -> NDArray[np.float32]:

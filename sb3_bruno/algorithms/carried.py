@@ -62,6 +62,15 @@ class Carried(NamedTuple):
                 f"`state` begins with arrays of shapes {given}, those of {type(encoder).__name__} with {wanted}: pass "
                 "back the state that `predict` returned."
             )
+        may_forget = len(state) > len(empty) + 1
+        given = [np.shape(array) for array in state[len(empty) + 1 :]]
+        wanted = [*wanted, (n_envs, 1)] if may_forget else []
+        if np.ndim(state[len(empty)]) != 2 or [shape[1:] for shape in given] != [shape[1:] for shape in wanted]:
+            given = [np.shape(array) for array in state[len(empty) :]]
+            raise ValueError(
+                f"`state` ends with arrays of shapes {given}, those of {type(encoder).__name__} with an observation "
+                f"(n_envs, dim) and {wanted}: pass back the state that `predict` returned."
+            )
         if any(len(array) != n_envs for array in state):
             raise ValueError(
                 f"`state` holds arrays of {[len(array) for array in state]} envs: pass back the state that `predict` "
@@ -75,7 +84,7 @@ class Carried(NamedTuple):
         tensors = iter(to_device([np.reshape(array, (n_envs, -1)) for array in state], device))
         memory = map_memory(lambda like: next(tensors).reshape(like.shape), empty)
         observation = next(tensors)
-        if len(state) == len(empty) + 1:
+        if not may_forget:
             return cls(memory, observation, None)
         recent = map_memory(lambda like: next(tensors).reshape(like.shape), empty)
         return cls(memory, observation, Suspicion(next(tensors), recent))
