@@ -124,12 +124,14 @@ class Saving(EncoderTraining):
         check_names(f"{cls.__name__}.load", kwargs, cls, {"policy", "env"}, TypeError)
         check_none(kwargs, cls)
         check_values({**kwargs, "device": device})
-        _, parameters, variables = load_from_zip_file(path, device="cpu", load_data=False)
+        data, parameters, variables = load_from_zip_file(path, "policy_kwargs" in kwargs, custom_objects, "cpu")
         if not parameters:
             raise ValueError(
                 f"`path={str(path)!r}` holds no agent: it was cut short, or `save` did not write it. Give another file."
             )
         _check_finite({**parameters, **(variables or {})})
+        if data is not None:
+            _check_policy_kwargs(kwargs.pop("policy_kwargs"), data["policy_kwargs"])
         return super().load(path, env, device, custom_objects, print_system_info, force_reset, **kwargs)
 
     def _check_saved_class(self) -> None:
@@ -137,6 +139,20 @@ class Saving(EncoderTraining):
         own, saved_by = _names_of_classes(self), self._saved_by
         if saved_by and own[0] not in saved_by and saved_by[0] not in own:
             raise ValueError(f"The agent was saved by {saved_by[0]}, not by {own[0]}: use `{saved_by[0]}.load`.")
+
+
+def _check_policy_kwargs(given: Mapping[str, Any] | None, saved: Mapping[str, Any]) -> None:
+    """Refuse arguments of the policy other than those it was built with, as SB3 does.
+
+    Args:
+        given: those that the constructor was given; those of task inference are arguments of its own.
+        saved: all that the policy was built with.
+    """
+    own = {"encoder_class", "encoder_kwargs", "target_encoder", "critic_input", "task_space", "use_sde"}
+    built = {name: value for name, value in saved.items() if name not in own}
+    written = {"forget_threshold": None, "n_critics": 2}  # by ``save`` and by SB3, where nothing was given
+    if {**written, **(given or {})} != {**written, **built}:
+        raise ValueError(f"`policy_kwargs={given!r}` is not what the agent was saved with, {built!r}: leave it out.")
 
 
 def _names_of_classes(model: Saving) -> list[str]:

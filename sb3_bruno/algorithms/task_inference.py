@@ -5,6 +5,7 @@ It carries the belief in rollouts. ``encoder_training.py`` trains the encoder, a
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from typing import Any, ClassVar, TypeVar, cast
 
@@ -15,6 +16,7 @@ from stable_baselines3.common.noise import ActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, RolloutReturn, Schedule
+from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.algorithms.arguments import check_names, join_policy_kwargs, resolve_policy
 from sb3_bruno.algorithms.beliefs import BeliefQueries
@@ -31,10 +33,14 @@ from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.algorithms.policy_arguments import check_policy_kwargs
 from sb3_bruno.algorithms.rehearsal import warn_of_task_without_effect
 from sb3_bruno.algorithms.saving import Saving
-from sb3_bruno.algorithms.values import check_env, check_kinds, check_learning, check_values
+from sb3_bruno.algorithms.values import check_env, check_kinds, check_learning, check_values, warn_of_missing_gpu
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.buffers.extended_obs import CriticInput
+from sb3_bruno.buffers.observed import keep_flag
 from sb3_bruno.encoders import TaskEncoder, find_encoder
+
+ENOUGH_EPISODES = 10
+"""Episodes of one step each, after which it is no accident."""
 
 SelfTaskInference = TypeVar("SelfTaskInference", bound="TaskInference")
 
@@ -102,6 +108,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         check_encoder_arguments(find_encoder(encoder_class), encoder_kwargs)
         check_kinds(encoder_kwargs, find_encoder(encoder_class))
         check_kinds(kwargs.get("replay_buffer_kwargs"), TaskReplayBuffer)
+        warn_of_missing_gpu(kwargs.get("device", "auto"))
         check_env(env, is_loading=not kwargs.get("_init_setup_model", True))
         self.encoder_learning_rate = encoder_learning_rate
         self.encoder_batch_size = encoder_batch_size
@@ -112,6 +119,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         self._encoder_updates_due = 0.0
         self._rounds_since_recall = 0
         self._saved_by: list[str] = []
+        self._has_absorbed, self._n_empty_episodes = False, 0
         self._carried: Carried | None = None
         self._next_carried: Carried | None = None
         inference = {
@@ -198,8 +206,23 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         infos: list[dict[str, Any]],
     ) -> None:
         super()._store_transition(replay_buffer, buffer_action, new_obs, reward, dones, infos)
+        if not self._has_absorbed:
+            self._look_for_what_is_absorbed(new_obs, dones)
         self._carried = self._next_carried
         self._last_episode_starts = dones
+
+    def _look_for_what_is_absorbed(self, new_obs: NDArray[Any] | dict[str, NDArray[Any]], dones: NDArray[Any]) -> None:
+        """Warn, once, if episodes end one after another in which no transition led to an action."""
+        assert isinstance(new_obs, dict)  # for mypy
+        self._has_absorbed = bool((new_obs["episode_start"] == 0).any())
+        self._n_empty_episodes += int(dones.sum())
+        if not self._has_absorbed and self._n_empty_episodes >= ENOUGH_EPISODES:
+            warnings.warn(
+                f"{self._n_empty_episodes} episodes have ended, and none held a transition to infer the task from, for "
+                "each ends after one step: let (inner) episodes be longer.",
+                stacklevel=2,
+            )
+            self._has_absorbed = True
 
     def collect_rollouts(self, *args: Any, **kwargs: Any) -> RolloutReturn:
         """Collect as in SB3. An encoder that starts before the actor-critic is trained here until that starts too.
@@ -219,6 +242,12 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
             gradient_steps = self.gradient_steps if self.gradient_steps >= 0 else rollout.episode_timesteps
             self._record(self._train_encoder(gradient_steps))
         return rollout
+
+    @staticmethod
+    def _wrap_env(env: GymEnv, verbose: int = 0, monitor_wrapper: bool = True) -> VecEnv:
+        wrapped = OffPolicyAlgorithm._wrap_env(env, verbose, monitor_wrapper)
+        keep_flag(wrapped)
+        return wrapped
 
     def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
         wrapped = self._wrap_env(env, self.verbose)

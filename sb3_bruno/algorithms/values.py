@@ -8,12 +8,14 @@ from __future__ import annotations
 import inspect
 import math
 import os
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from numbers import Real
 from operator import index
 from typing import Any, TypeGuard
 
 import numpy as np
+import torch as th
 from stable_baselines3.common.noise import ActionNoise
 from stable_baselines3.common.utils import get_device
 
@@ -251,11 +253,21 @@ def _check_tensorboard_log(name: str, value: Any) -> None:
         raise TypeError(f"`{name}={value!r}` is no path: give that of a folder.")
 
 
+def warn_of_missing_gpu(device: Any) -> None:
+    """Warn that the CPU takes the place of a GPU that torch does not find, as SB3 has it without a word."""
+    if str(device).startswith("cuda") and get_device(device).type != "cuda":
+        warnings.warn(
+            f"`device={str(device)!r}`: torch finds no GPU here, so the CPU is used. Install torch with CUDA, or give "
+            "'auto' or 'cpu'.",
+            stacklevel=4,
+        )
+
+
 def _check_device(name: str, value: Any) -> None:
     try:
-        get_device(value)
+        th.empty(0, device=get_device(value))
     except Exception as error:  # torch raises several kinds
-        raise ValueError(f"`{name}={value!r}` is no device of torch: give 'auto', 'cpu' or 'cuda'.") from error
+        raise ValueError(f"`{name}={value!r}` is no device that torch finds: give 'auto', 'cpu' or 'cuda'.") from error
 
 
 SPECIAL: dict[str, Callable[[str, Any], None]] = {

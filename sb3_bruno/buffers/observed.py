@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecNormalize
 
 
 class TransitionArrays(NamedTuple):
@@ -26,6 +27,34 @@ class TransitionArrays(NamedTuple):
     actions: NDArray[Any]
     rewards: NDArray[Any]
     next_observations: NDArray[Any]
+
+
+class Unscaled(RunningMeanStd):
+    """Statistics that leave a key of VecNormalize as it is, whatever it sees.
+
+    Args:
+        shape: the key's.
+        epsilon: what VecNormalize adds to a variance.
+    """
+
+    def __init__(self, shape: tuple[int, ...], epsilon: float) -> None:
+        super().__init__(shape=shape)
+        self.var -= epsilon
+
+    def update(self, arr: NDArray[Any]) -> None:
+        """Learn nothing."""
+
+
+def keep_flag(env: VecEnv) -> None:
+    """Have every VecNormalize of an env leave ``episode_start`` as it is: a flag that is scaled says nothing any more.
+
+    The key stays among the statistics, which SB3 copies to the VecNormalize of an evaluation.
+    """
+    while isinstance(env, VecEnvWrapper):
+        statistics = vars(env).get("obs_rms")
+        if isinstance(env, VecNormalize) and isinstance(statistics, dict) and "episode_start" in statistics:
+            statistics["episode_start"] = Unscaled(statistics["episode_start"].mean.shape, env.epsilon)
+        env = env.venv
 
 
 def normalize(transitions: TransitionArrays, vec_normalize: VecNormalize | None) -> TransitionArrays:

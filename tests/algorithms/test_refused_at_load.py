@@ -128,6 +128,25 @@ def test_an_argument_that_would_change_nothing_or_break_the_model_is_refused(tra
         BrunoSAC.load(saved(trained), **given)
 
 
+@pytest.mark.parametrize("algorithm", [BrunoSAC, BrunoTQC, BrunoTD3])
+def test_the_policy_kwargs_that_the_constructor_got_are_taken_and_others_refused(algorithm):
+    given = {"net_arch": [16], "log_std_init": -2} if algorithm is not BrunoTD3 else {"net_arch": [16]}
+    model = make(algorithm, policy_kwargs=given)
+    assert algorithm.load(saved(model), policy_kwargs=given).policy.net_arch == [16]
+    assert algorithm.load(saved(model), policy_kwargs={**given, "forget_threshold": None}).policy.net_arch == [16]
+    for other in ({}, None, {"net_arch": [8]}, {**given, "n_critics": 3}, {**given, "forget_threshold": 3.0}):
+        with pytest.raises(ValueError, match=r"`policy_kwargs=.* is not what the agent was saved with, .*: leave it"):
+            algorithm.load(saved(model), policy_kwargs=other)
+
+
+def test_a_gpu_that_is_missing_is_warned_of(trained, monkeypatch):
+    monkeypatch.setattr(th.cuda, "is_available", lambda: False)
+    for make_one in (lambda: make(device="cuda"), lambda: BrunoSAC.load(saved(trained), device=th.device("cuda:0"))):
+        with pytest.warns(UserWarning, match=r"`device='cuda.*'`: torch finds no GPU here, so the CPU is used") as told:
+            assert make_one().device.type == "cpu"
+        assert len(told) == 1
+
+
 def test_files_that_were_cut_short_are_named(trained, tmp_path):
     trained.save(tmp_path / "model.zip")
     trained.save_replay_buffer(tmp_path / "buffer.pkl")
