@@ -16,12 +16,14 @@ from torch import Tensor
 from sb3_bruno.algorithms.carried import Carried
 from sb3_bruno.algorithms.checks import check_buffer, check_encoder_updates
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.algorithms.values import check_whole
 from sb3_bruno.buffers import TaskReplayBuffer
+from sb3_bruno.buffers.long_episodes import EARLIER, WINDOW, newest, whole
 from sb3_bruno.encoders import HasPosterior, Loss, TaskEncoder
 from sb3_bruno.encoders.base import map_memory, training_mode
 
 RECALLED = 64
-"""Transitions of each running episode that a round of updates may encode again, on average over rounds."""
+"""Transitions of each running episode that a round of updates encodes again, on average over rounds."""
 
 
 class EncoderTraining(OffPolicyAlgorithm):
@@ -77,7 +79,13 @@ class EncoderTraining(OffPolicyAlgorithm):
 
         It may be called without ``learn``, on a replay buffer that was loaded: then the encoder is trained too, though
         the model has taken no steps.
+
+        Raises:
+            TypeError: if an argument is no whole number.
+            ValueError: if ``gradient_steps`` is negative, or ``batch_size`` not positive.
         """
+        check_whole("gradient_steps", gradient_steps, 0)
+        check_whole("batch_size", batch_size, 1)
         if not hasattr(self, "_logger"):  # which ``learn`` makes
             self._logger = configure_logger(self.verbose)
         if self.encoder.learns_from != "own":
@@ -229,8 +237,10 @@ class EncoderTraining(OffPolicyAlgorithm):
         """Encode the running episodes again, so that a carried belief hardly mixes an old encoder with a new.
 
         Episodes of up to 64 transitions are encoded again after every round of updates, longer ones less often, or a
-        round would cost the more the longer they are. Example: an episode of 200 is due every fourth round. The newest
-        transition is left out: the next observation brings it.
+        round would cost the more the longer they are. Example: an episode of 200 is due every fourth round. Of more
+        than 384, an encoder that reads in any order encodes the newest 128 and a sample that stands for the others, as
+        in replay (``buffers/long_episodes.py``); one that reads in time has to encode all. The newest transition is
+        left out: the next observation brings it.
 
         Returns:
             What to log of their beliefs, by name; empty if none was encoded.
@@ -238,16 +248,18 @@ class EncoderTraining(OffPolicyAlgorithm):
         if self._carried is None:
             return {}
         slots, lengths = self.replay_buffer.episodes.running()
+        known = np.maximum(lengths - 1, 0)
+        n_read = min(lengths.max(), EARLIER + WINDOW) if self.encoder.order == "any" else lengths.max()
         self._rounds_since_recall += 1
-        if RECALLED * self._rounds_since_recall < lengths.max():
+        if RECALLED * self._rounds_since_recall < n_read:
             return {}
         self._rounds_since_recall = 0
-        transitions = self.replay_buffer.transitions(slots, self._vec_normalize_env)
+        rows = newest(slots, known, self.replay_buffer.rng) if self.encoder.order == "any" else whole(slots, known)
+        assert rows.counts is not None  # for mypy: of episodes there are
+        transitions = self.replay_buffer.transitions(rows.slots, self._vec_normalize_env)
         with th.no_grad():
-            absorbed = self.replay_buffer.to_torch(self.replay_buffer.absorbed(slots)).float()
-            envs = th.arange(self.n_envs, device=self.device)
-            known = th.as_tensor(np.maximum(lengths - 1, 0), device=self.device)
-            memory = map_memory(lambda prefixes: prefixes[envs, known], self.encoder.prefixes(transitions, absorbed))
+            weights = self.replay_buffer.to_torch(self.replay_buffer.absorbed(rows.slots) * rows.counts)
+            memory = map_memory(lambda prefixes: prefixes[:, -1], self.encoder.prefixes(transitions, weights))
             if isinstance(self.encoder, HasPosterior):
                 posterior = self.encoder.posterior(memory)
                 beliefs = {"belief/mean_abs": posterior.mean.abs().mean(), "belief/var": posterior.variance.mean()}

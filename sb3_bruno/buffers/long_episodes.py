@@ -6,6 +6,7 @@ each of its members weighted by how many it stands for, estimates the sum withou
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -51,14 +52,34 @@ def shortened(slots: Slots, lengths: Slots, drawn: Slots, rng: np.random.Generat
         drawn: a slot of each, which the window holds at a random place, (n,).
         rng: draws both.
     """
-    most = EARLIER + WINDOW
-    if lengths.max() <= most:
+    if lengths.max() <= EARLIER + WINDOW:
         return whole(slots, lengths)
-    chosen = np.empty((len(slots), most), dtype=np.int64)
+    steps = np.argmax(slots == drawn[:, None], axis=1)
+
+    def begin(i: int) -> int:
+        return int(np.clip(steps[i] - rng.integers(WINDOW), 0, lengths[i] - WINDOW))
+
+    return _with_windows(slots, lengths, begin, rng)
+
+
+def newest(slots: Slots, lengths: Slots, rng: np.random.Generator) -> EpisodeRows:
+    """Take the newest steps, and a sample of those before them that stands for all; arguments as in ``shortened``."""
+    if lengths.max() <= EARLIER + WINDOW:
+        return whole(slots, lengths)
+    return _with_windows(slots, lengths, lambda i: int(lengths[i]) - WINDOW, rng)
+
+
+def _with_windows(
+    slots: Slots, lengths: Slots, begin_of: Callable[[int], int], rng: np.random.Generator
+) -> EpisodeRows:
+    """Take a window of each long episode, which begins at step ``begin_of(row)``, and a sample before it."""
+    most = EARLIER + WINDOW
+    chosen = np.repeat(slots[:, :1], most, axis=1)  # padding, where an episode has no step at all
     counts, is_read = np.zeros(chosen.shape, dtype=np.float32), np.zeros(chosen.shape, dtype=bool)
     for i, length in enumerate(lengths.tolist()):
-        step = int(np.argmax(slots[i] == drawn[i]))
-        begin = 0 if length <= most else int(np.clip(step - rng.integers(WINDOW), 0, length - WINDOW))
+        if length == 0:
+            continue
+        begin = 0 if length <= most else begin_of(i)
         before = np.sort(rng.choice(begin, min(begin, EARLIER), replace=False))
         steps = np.concatenate([before, np.arange(begin, min(begin + (WINDOW if length > most else length), length))])
         counts[i, : len(steps)] = 1.0

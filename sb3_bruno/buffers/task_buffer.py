@@ -171,9 +171,12 @@ class TaskReplayBuffer(TaskRing):
 
         Raises:
             RuntimeError: if the buffer is empty or no encoder is bound.
+            ValueError: if ``batch_size`` is not positive.
         """
         if self._encoder is None:
             raise RuntimeError("No encoder is bound: call `set_encoder` before `sample`.")
+        if batch_size < 1:
+            raise ValueError(f"`batch_size={batch_size}` is no number of transitions: give 1 or more.")
         n_sequences = min(self.n_sequences, batch_size)
         per_row = -(-batch_size // n_sequences)
         if self._encoded is None or not self._encoded.has(n_sequences, per_row):
@@ -234,7 +237,10 @@ class TaskReplayBuffer(TaskRing):
 
         Raises:
             RuntimeError: if the buffer is empty.
+            ValueError: if ``n_sequences`` is not positive.
         """
+        if n_sequences < 1:
+            raise ValueError(f"`n_sequences={n_sequences}` is no number of sequences: give 1 or more.")
         if self._encoder is not None and self._encoder.order == "time":
             return self._sequences(*self._context_rows(n_sequences), env)
         return self._sequences(*self._exchangeable_rows(n_sequences), env)

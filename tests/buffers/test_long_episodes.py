@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sb3_bruno.buffers.long_episodes import EARLIER, WINDOW, shortened
+from sb3_bruno.buffers.long_episodes import EARLIER, WINDOW, newest, shortened
 from support.stream import Stream
 
 
@@ -68,3 +68,11 @@ def test_the_sample_estimates_the_sum_over_all_earlier_steps_without_bias():
         assert counts.sum() == pytest.approx(begin)
         errors.append((counts * rows.slots).sum() / np.arange(begin).sum() - 1)
     assert abs(np.mean(errors)) < 3 * np.std(errors) / 20 and np.std(errors) < 0.05
+
+
+def test_the_newest_steps_are_in_the_window_and_a_sample_stands_for_the_others():
+    slots = np.minimum(np.arange(5_000), [[4_999], [9], [0]])
+    rows = newest(slots, np.array([5_000, 10, 0]), np.random.default_rng(0))
+    assert rows.slots.shape == (3, EARLIER + WINDOW)
+    assert rows.slots[0, -WINDOW:].tolist() == list(range(5_000 - WINDOW, 5_000))
+    np.testing.assert_allclose(rows.counts.sum(axis=1), [5_000, 10, 0], rtol=1e-5)

@@ -99,7 +99,7 @@ def test_training_fetches_little_and_sends_little(ours, theirs):
         assert up_plain == 5 * gradient_steps and down_plain >= gradient_steps  # so the counting counts
         assert down == down_plain + 1  # what is logged of encoder and beliefs, when SB3 has fetched its losses
         n_encodes = -(-gradient_steps // 4)  # 16 x 64 transitions are four batches of 256
-        recall = 3  # transitions of the running episodes, which count, and how long these are
+        recall = 2  # transitions of the running episodes, and how many each counts for
         # transitions with tasks and the rest of an encode; the places of a sample; the sequences of an encoder update
         assert up == 2 * n_encodes + gradient_steps + gradient_steps + recall
         assert up <= up_plain + (3 if gradient_steps == 1 else 0)
