@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sb3_bruno.cli.mistake import Mistake, told_as_mistake
 from sb3_bruno.cli.parser import Parser
@@ -23,6 +24,29 @@ from sb3_bruno.cli.upstream_help import exit_with_help
 from sb3_bruno.cli.values import whole_number
 
 
+class _Watched(NamedTuple):
+    """Flags of rl_zoo3's that are read here too.
+
+    Attributes:
+        n_steps: how many are taken.
+        load_best: whether the best model is watched.
+        renders: whether it is shown.
+    """
+
+    n_steps: int
+    load_best: bool
+    renders: bool
+
+    @classmethod
+    def of(cls, chosen: Chosen) -> _Watched:
+        parser = Parser("sb3-bruno", add_help=False, allow_abbrev=False)
+        parser.add_argument("-n", "--n-timesteps", type=whole_number(1), default=1000)
+        parser.add_argument("--load-best", action="store_true")
+        parser.add_argument("--no-render", action="store_true")
+        flags, _ = parser.parse_known_args(chosen.rest)
+        return cls(flags.n_timesteps, flags.load_best, not flags.no_render)
+
+
 def enjoy(arguments: Arguments) -> None:
     """Watch a trained agent, as rl_zoo3 does.
 
@@ -31,17 +55,18 @@ def enjoy(arguments: Arguments) -> None:
     exit_with_help(own_parser("enjoy", enjoy), arguments, "enjoy")
 
     import rl_zoo3.enjoy
+    import rl_zoo3.utils
 
     from sb3_bruno.zoo.registry import register
 
     register()
     chosen, exists = _as_trained(choose_env(arguments, {**DEFAULTS, "-f": "logs"}))
-    parser = Parser("sb3-bruno enjoy", add_help=False)
-    parser.add_argument("--no-render", action="store_true")
-    renders = not parser.parse_known_args(chosen.rest)[0].no_render
-    if exists and renders and not _has_display():
+    watched = _Watched.of(chosen)
+    if exists and watched.renders and not _has_display():
         raise Mistake("there is no display here: give --no-render, or make a video by `sb3-bruno record-video`")
-    call(rl_zoo3.enjoy.enjoy, "enjoy", chosen.command)
+    make_env = _kept_env(rl_zoo3.utils.create_test_env, load_best=watched.load_best)
+    with replaced(vars(rl_zoo3.enjoy), "create_test_env", make_env):
+        call(rl_zoo3.enjoy.enjoy, "enjoy", chosen.command)
 
 
 def record_video(arguments: Arguments) -> None:
@@ -55,7 +80,12 @@ def record_video(arguments: Arguments) -> None:
 
     register()
     chosen, _ = _as_trained(choose_env(arguments, {**DEFAULTS, "-f": "logs"}))
-    call(_rl_zoo3_record_video, "record-video", [*chosen.rest, "--env", chosen.env])
+    watched = _Watched.of(chosen)
+
+    def record() -> None:
+        _rl_zoo3_record_video(watched)
+
+    call(record, "record-video", [*chosen.rest, "--env", chosen.env])
 
 
 def _as_trained(chosen: Chosen) -> tuple[Chosen, bool]:
@@ -94,15 +124,29 @@ def _has_display() -> bool:
     return sys.platform != "linux" or any(os.environ.get(name) for name in displays)
 
 
-def _rl_zoo3_record_video() -> None:
-    """Run rl_zoo3's script. It ignores the ``env_kwargs`` of the run's config: put them in."""
+def _kept_env(make: Callable[..., Any], *, load_best: bool) -> Callable[..., Any]:
+    """Have rl_zoo3's function that makes environments take the statistics of the best model with that model."""
+    from sb3_bruno.zoo.trained import statistics_of
+
+    def make_env(env_id: str, *, stats_path: str | None, **kwargs: Any) -> Any:
+        if stats_path is not None:
+            stats_path = str(statistics_of(Path(stats_path).parent, Path(stats_path), load_best=load_best).parent)
+        return make(env_id, stats_path=stats_path, **kwargs)
+
+    return make_env
+
+
+def _rl_zoo3_record_video(watched: _Watched) -> None:
+    """Run rl_zoo3's script, with a progress bar. It ignores the ``env_kwargs`` of the run's config: put them in."""
     import rl_zoo3.utils
 
-    make = rl_zoo3.utils.create_test_env
+    from sb3_bruno.zoo.shown_steps import ShownSteps
+
+    make = _kept_env(rl_zoo3.utils.create_test_env, load_best=watched.load_best)
 
     def make_as_trained(env_id: str, hyperparams: dict[str, Any], env_kwargs: dict[str, Any], **kwargs: Any) -> Any:
         env_kwargs = {**hyperparams.get("env_kwargs", {}), **env_kwargs}
-        return make(env_id, hyperparams=hyperparams, env_kwargs=env_kwargs, **kwargs)
+        return ShownSteps(make(env_id, hyperparams=hyperparams, env_kwargs=env_kwargs, **kwargs), watched.n_steps)
 
     with replaced(vars(rl_zoo3.utils), "create_test_env", make_as_trained):
         run_script("rl_zoo3.record_video")

@@ -8,10 +8,10 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rl_zoo3.callbacks import SaveVecNormalizeCallback
 from rl_zoo3.exp_manager import ExperimentManager
 from rl_zoo3.utils import get_latest_run_id
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnv
 
@@ -23,6 +23,10 @@ from sb3_bruno.runs.folder import RunFolder
 from sb3_bruno.runs.origin import save_origin
 
 CHECKPOINT = "checkpoint.pkl"
+OF_BEST = "best_model"
+"""The folder in a run's with the statistics of VecNormalize that ``best_model.zip`` was judged with."""
+STATISTICS = "vecnormalize.pkl"
+"""Where rl_zoo3 looks for VecNormalize's statistics in a folder."""
 
 
 class RunOptions(NamedTuple):
@@ -174,21 +178,27 @@ class KeptRun(ExperimentManager):
                 model.save_replay_buffer(part / "replay_buffer.pkl")
         statistics = model.get_vec_normalize_env()
         if statistics is not None:
-            with whole_file(Path(self.params_path, "vecnormalize.pkl")) as file:
+            with whole_file(Path(self.params_path, STATISTICS)) as file:
                 statistics.save(str(file))
 
 
-class WholeStatistics(SaveVecNormalizeCallback):
-    """Saves VecNormalize's statistics with the best model; a kill leaves the last ones whole."""
+class BestStatistics(BaseCallback):
+    """Saves VecNormalize's statistics beside the best model, for those at the end of the training are others.
+
+    Args:
+        path: the file; a kill leaves the last ones whole.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.path = path
 
     def _on_step(self) -> bool:
-        folder = self.save_path
-        with whole_files(folder, "best") as part:
-            self.save_path = str(part)
-            try:
-                return bool(super()._on_step())
-            finally:
-                self.save_path = folder
+        statistics = self.model.get_vec_normalize_env()
+        if statistics is not None:
+            with whole_file(self.path) as file:
+                statistics.save(str(file))
+        return True
 
 
 class _StoppableModel:

@@ -20,6 +20,7 @@ from sb3_bruno.runs.clock import TrainingClock
 from sb3_bruno.runs.folder import is_unfinished, latest_finished
 from sb3_bruno.runs.origin import trained_at
 from sb3_bruno.zoo.environments import make_env, takes, tasks_of
+from sb3_bruno.zoo.kept_run import OF_BEST, STATISTICS
 from sb3_bruno.zoo.one_line import in_one_line
 from sb3_bruno.zoo.registry import check_algorithm, check_registered, import_packages
 from sb3_bruno.zoo.saved_run import SavedRun
@@ -135,7 +136,8 @@ def load_trained(
         "inside_train_box": test.inside.tolist(),
         "n_inner_episodes": test.n_inner,
     }
-    statistics = _vec_normalize(params, make_test_env, is_needed=bool(saved.hyperparams["normalize"]))
+    kept = statistics_of(run, params, load_best=load_best)
+    statistics = _vec_normalize(kept, make_test_env, is_needed=bool(saved.hyperparams["normalize"]))
     return TrainedAgent(model, make_test_env, test, statistics, run, config)
 
 
@@ -197,13 +199,27 @@ def _load(algo: str, path: str) -> BaseAlgorithm:
     return model
 
 
-def _vec_normalize(params: Path, make_env: MakeEnv, *, is_needed: bool) -> VecNormalize | None:
+def statistics_of(run: Path, params: Path, *, load_best: bool) -> Path:
+    """Find the file of VecNormalize's statistics that belong to a run's last model, or to its best one.
+
+    A run of an earlier version kept none with the best model: then those of the last are taken, with a warning.
+    """
+    last, best = params / STATISTICS, run / OF_BEST / STATISTICS
+    if load_best and last.exists() and not best.exists():
+        warnings.warn(
+            f"{run} kept no statistics of VecNormalize with its best model: those of the end are taken, which may "
+            "differ.",
+            stacklevel=3,
+        )
+    return best if load_best and best.exists() else last
+
+
+def _vec_normalize(path: Path, make_env: MakeEnv, *, is_needed: bool) -> VecNormalize | None:
     """Load the statistics of the training's observations; None if these were not normalised.
 
     Raises:
         ValueError: if they are missing or damaged: the agent would see other observations than in training.
     """
-    path = params / "vecnormalize.pkl"
     if not path.exists() and not is_needed:
         return None
     try:
