@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import os
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 LARGEST_SEED = 2**32 - 1  # NumPy's
 
@@ -71,7 +71,7 @@ def device(text: str) -> str:
 
 
 def writable_folder(text: str) -> Path:
-    """Check that a folder can be made, or written to, without making it.
+    """Check that a folder can be made, or written to, by making another beside it for a moment.
 
     Raises:
         argparse.ArgumentTypeError: if it cannot.
@@ -81,8 +81,12 @@ def writable_folder(text: str) -> Path:
     nearest = _nearest(text)
     if not nearest.is_dir():
         raise argparse.ArgumentTypeError(f"{text!r} cannot be written, for {nearest} is no folder: give another")
-    if not os.access(nearest, os.W_OK | os.X_OK):
-        raise argparse.ArgumentTypeError(f"{text!r} cannot be written, for {nearest} is read-only: give another")
+    try:
+        with TemporaryDirectory(prefix=".sb3-bruno-", dir=nearest):  # root may write everywhere, says os.access
+            pass
+    except OSError as error:
+        problem = f"{text!r} cannot be written, for nothing can be made in {nearest} ({error.strerror})"
+        raise argparse.ArgumentTypeError(f"{problem}: give another") from error
     return Path(text)
 
 

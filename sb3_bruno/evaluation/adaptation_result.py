@@ -222,11 +222,13 @@ def _check_kinds(result: AdaptationResult) -> None:
         wrong = [value for value in values if not isinstance(value, Real | None)]
         if wrong:
             raise TypeError(f"{name} hold {wrong[0]!r:.60}, which is no number: give numbers alone.")
-    if not isinstance(result.seed, Integral):
-        raise TypeError(f"seed={result.seed!r:.60} is no whole number: give one.")
-    if result.names is not None and not all(isinstance(name, str) for name in result.names):
-        raise TypeError(f"names={result.names!r:.60} are no texts: give what the environment calls its tasks.")
-    versions = result.versions
+    seed: Any = result.seed
+    if not isinstance(seed, Integral):
+        raise TypeError(f"seed={seed!r:.60} is no whole number: give one.")
+    names: Any = result.names
+    if names is not None and not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+        raise TypeError(f"names={names!r:.60} are no texts: give a list of what the environment calls its tasks.")
+    versions: Any = result.versions
     if not isinstance(versions, Mapping) or not all(isinstance(text, str) for text in (*versions, *versions.values())):
         raise TypeError(f"versions={versions!r:.60} are no texts by name: give what library_versions() returns.")
 
