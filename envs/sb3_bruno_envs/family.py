@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Literal, TypeAlias, get_args
 
 import gymnasium as gym
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike
 
-from sb3_bruno_envs.tasks import Split, Task, TaskDistribution, as_task_distribution
+from sb3_bruno_envs.tasks import Split, Task, TaskDistribution, TaskSet, as_task_distribution
 from sb3_bruno_envs.wrappers.meta_task import Draw, MetaTask
 from sb3_bruno_envs.wrappers.observations import TaskObservation, TransitionObservation
 from sb3_bruno_envs.wrappers.trial import Trial
@@ -27,6 +27,8 @@ class Family:
         env_class: a Gymnasium environment with a method ``set_task(task)``, which is called before every reset. It may
             have a static method ``name_task(task)``, which says what people call a task (see MetaTask).
         tasks: the family's own tasks: a TaskSet, a TaskSampler or an array-like ``(n, dim)``.
+        task_sets: other sets of tasks by name, for ``gym.make(id, tasks=name)``. A set named ``"beyond"`` has the
+            family's own training tasks, and test tasks outside their range. A published set is named after its paper.
         max_episode_steps: the length of an episode; None if the environment ends each of its episodes itself.
         n_episodes: the number of inner episodes, if an episode is a trial (see Trial). The environment ends the inner
             episodes itself, and ``max_episode_steps`` limits the whole trial.
@@ -45,6 +47,7 @@ class Family:
         env_class: type[gym.Env[Any, Any]],
         tasks: TaskDistribution | ArrayLike,
         *,
+        task_sets: Mapping[str, TaskSet] | None = None,
         max_episode_steps: int | None = None,
         n_episodes: int | None = None,
     ) -> None:
@@ -53,6 +56,7 @@ class Family:
             raise ValueError(f"env_class={env_class!r} has no method set_task(task): add one that applies a task.")
         self.env_class = env_class
         self.tasks = as_task_distribution(tasks)
+        self.task_sets = dict(task_sets or {})
         self.max_episode_steps = max_episode_steps
         self.n_episodes = n_episodes
         self._set_task = set_task
@@ -77,31 +81,55 @@ class Family:
 
         Args:
             split: ``"train"`` or ``"test"``.
-            tasks: other tasks, in any form that MetaTask takes; None for the family's own.
+            tasks: None for the family's own tasks, the name of one of its ``task_sets``, or other tasks in any form
+                that MetaTask takes.
             draw: ``"random"``, ``"cycle"`` or ``"fixed"``, as in MetaTask.
             observe: ``"transition"`` (a Dict, see TransitionObservation), ``"task"`` (what an oracle sees, see
                 TaskObservation) or ``"plain"`` (the bare observation; the task is in ``info`` all the same).
-            task_space: the Box that holds every task; None for the family's own, which does not depend on ``tasks``.
+            task_space: the Box that holds every task; None for that of the named set, or else the family's own,
+                whatever ``tasks`` are.
             **env_kwargs: arguments of the environment class, ``render_mode`` among them, and ``n_episodes`` where an
                 episode is a trial.
 
         Raises:
-            ValueError: if ``observe`` is unknown, or MetaTask refuses an argument.
+            ValueError: if ``observe`` or the name of a task set is unknown, or MetaTask refuses an argument.
         """
         if observe not in get_args(Observe):
             raise ValueError(f"observe={observe!r} is unknown: use 'transition', 'task' or 'plain'.")
+        own, task_sets = self.tasks_for(env_kwargs)
+        if isinstance(tasks, str):
+            own = tasks = self.named(tasks, task_sets)
         meta = MetaTask(
             self._make_bare(**env_kwargs),
             self._set_task,
-            self.tasks if tasks is None else tasks,
+            own if tasks is None else tasks,
             split=split,
             draw=draw,
             name_task=self._name_task,
-            task_space=self.tasks.space if task_space is None else task_space,
+            task_space=own.space if task_space is None else task_space,
         )
         if observe == "transition":
             return TransitionObservation(meta)
         return TaskObservation(meta) if observe == "task" else meta
+
+    def tasks_for(self, env_kwargs: Mapping[str, Any]) -> tuple[TaskDistribution, Mapping[str, TaskSet]]:
+        """Return the family's own tasks and its named sets, for these arguments of the environment class.
+
+        They are always the same here. Override this where the dimension of a task depends on an argument.
+        """
+        return self.tasks, self.task_sets
+
+    def named(self, name: str, task_sets: Mapping[str, TaskSet]) -> TaskSet:
+        """Return the task set of that name, out of those that ``tasks_for`` found.
+
+        Raises:
+            ValueError: if there is none.
+        """
+        if name not in task_sets:
+            known = f"one of {sorted(task_sets)}" if task_sets else "an array (n, dim), for it has no named set"
+            owner = self.env_class.__name__
+            raise ValueError(f"tasks={name!r} is no task set of {owner}: give {known}, or leave it out.")
+        return task_sets[name]
 
     def _make_bare(self, **env_kwargs: Any) -> gym.Env[Any, Any]:
         """Make the environment, or a trial of its episodes."""

@@ -59,6 +59,11 @@ class TaskSet:
             )
         both = np.concatenate([self._train, self._test])  # (n + m, dim)
         self.space = Box(both.min(axis=0), both.max(axis=0)) if space is None else _task_box(space)
+        if self.space.shape != both.shape[1:]:
+            raise ValueError(
+                f"tasks have {both.shape[1]} dimensions, the task space {self.space} has {self.space.shape[0]}: "
+                "give tasks of as many numbers as the space has."
+            )
         outside = ~((self.space.low <= both) & (both <= self.space.high)).all(axis=1)
         for task in both[outside][:1]:
             check_task(task, self.space, "a task of the set")
@@ -86,6 +91,26 @@ class TaskSet:
             raise ValueError(f"tasks have shape {array.shape}: give (n, {dim}).")
         inside: NDArray[np.bool_] = np.all((self.train_box.low <= array) & (array <= self.train_box.high), axis=1)
         return inside
+
+    def beyond(self, candidates: ArrayLike | None = None, *, space: Box | None = None) -> TaskSet:
+        """Return a set with the same training tasks, whose test tasks are the candidates outside ``train_box``.
+
+        Args:
+            candidates: the tasks to choose from, ``(n, dim)``; None for the test tasks of this set.
+            space: the Box that holds every task of the new set; None for that of this set.
+
+        Raises:
+            ValueError: if no candidate is outside, or one is outside ``space``.
+
+        Example:
+            >>> TaskSet([[0.0], [2.0]], [[1.0], [3.0]]).beyond().tasks("test")
+            array([[3.]], dtype=float32)
+        """
+        tasks = self._test if candidates is None else _task_matrix(candidates, "candidate")
+        outside = tasks[~self.inside_train_box(tasks)]
+        if len(outside) == 0:
+            raise ValueError(f"no candidate lies outside train_box={self.train_box}: give tasks beyond it.")
+        return TaskSet(self._train, outside, space=self.space if space is None else space, train_box=self.train_box)
 
     def tasks(self, split: Split = "train") -> NDArray[np.float32]:
         """Return all tasks of a split, ``(n, dim)``, in the given order; read-only."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from sb3_bruno.zoo.environments import make_env, takes, tasks_of
@@ -61,6 +62,19 @@ def hold_out(env_id: str, env_kwargs: dict[str, Any]) -> HeldOut:
         return HeldOut(env_kwargs, env_kwargs, 1)
     if len(train) < FEWEST:
         return HeldOut(env_kwargs, {**env_kwargs, "draw": "cycle"}, len(train))
+    if isinstance(env_kwargs.get("tasks"), str) and takes(env_id, "task_space"):
+        # The parts of a named set lie in its Box, which may be wider than the family's own.
+        env_kwargs = {**env_kwargs, "task_space": _task_space(env_id, env_kwargs)}
     kept = len(train) // 5
     judge = {**env_kwargs, "tasks": train[-kept:], "draw": "cycle"}
     return HeldOut({**env_kwargs, "tasks": train[:-kept]}, judge, kept)
+
+
+def _task_space(env_id: str, env_kwargs: dict[str, Any]) -> Box:
+    """Return the Box that holds every task of an environment."""
+    env = make_env(env_id, env_kwargs)
+    try:
+        space: Box = env.get_wrapper_attr("task_space")
+        return space
+    finally:
+        env.close()

@@ -49,6 +49,29 @@ def test_drawing_and_reading_cannot_change_a_set():
     assert tasks.tasks().tolist() == [[1.0]]
 
 
+def test_beyond_keeps_the_training_tasks_and_tests_only_outside_their_box():
+    tasks = TaskSet([[1.0], [2.0]], [[1.5], [3.0]], space=Box(0.0, 5.0, (1,)), train_box=Box(1.0, 2.5, (1,)))
+    assert tasks.beyond() == TaskSet([[1.0], [2.0]], [[3.0]], space=tasks.space, train_box=tasks.train_box)
+    given = tasks.beyond([[2.4], [2.6], [0.5], [7.0]], space=Box(0.0, 9.0, (1,)))
+    assert given.tasks("test").ravel().tolist() == [np.float32(2.6), 0.5, 7.0]
+    assert (given.space, given.train_box) == (Box(0.0, 9.0, (1,)), tasks.train_box)
+
+
+def test_beyond_refuses_candidates_that_are_not_outside_or_do_not_fit():
+    tasks = TaskSet([[1.0], [2.0]], space=Box(0.0, 5.0, (1,)))
+    with pytest.raises(ValueError, match=r"no candidate lies outside train_box=.*: give tasks beyond it"):
+        tasks.beyond()
+    with pytest.raises(ValueError, match="outside Box"):
+        tasks.beyond([[7.0]])
+    with pytest.raises(ValueError, match=r"tasks have shape \(1, 2\): give \(n, 1\)"):
+        tasks.beyond([[7.0, 8.0]])
+
+
+def test_tasks_and_space_of_other_dimensions_are_refused():
+    with pytest.raises(ValueError, match=r"tasks have 2 dimensions, the task space .* has 1: give tasks of as many"):
+        TaskSet([[0.0, 1.0]], space=UNIT)
+
+
 def test_sets_are_equal_by_value_even_after_pickling():
     tasks = TaskSet([[1.0], [2.0]], [[3.0]])
     assert pickle.loads(pickle.dumps(tasks)) == tasks

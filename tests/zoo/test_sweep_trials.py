@@ -127,6 +127,23 @@ def test_the_tasks_of_anybodys_family_are_listed_and_held_out(drift):
     assert (held_out.train["tasks"].shape, held_out.judge["tasks"].shape, held_out.n_tasks) == ((10, 2), (2, 2), 2)
 
 
+@pytest.mark.parametrize(
+    ("name", "env_kwargs", "n_train", "n_judge"),
+    [
+        ("PointGoal-v0", {"dim": 2}, 80, 20),
+        ("PointGoal-v0", {"dim": 2, "tasks": "pearl"}, 64, 16),
+        pytest.param("CheetahVel-v0", {"tasks": "tavt"}, 80, 20, marks=pytest.mark.mujoco),
+    ],
+)
+def test_the_tasks_of_a_named_set_are_held_out_within_its_box(name, env_kwargs, n_train, n_judge):
+    env_id = f"sb3_bruno_envs:{name}"
+    whole, held_out = gym.make(env_id, **env_kwargs), hold_out(name, env_kwargs)
+    for kwargs, n in ((held_out.train, n_train), (held_out.judge, n_judge)):
+        part = gym.make(env_id, **kwargs)
+        assert len(part.get_wrapper_attr("task_distribution").tasks("train")) == n
+        assert part.get_wrapper_attr("task_space") == whole.get_wrapper_attr("task_space")
+
+
 def test_an_env_without_a_list_of_tasks_has_none(drift):
     endless = TaskSampler(lambda rng: rng.uniform(-1, 1, size=2), space=gym.spaces.Box(-1, 1, (2,)))
     register_family("Endless-v0", Family(PointDirEnv, endless, max_episode_steps=5))

@@ -136,4 +136,6 @@ _TEST_MASSES, _TEST_LENGTHS = [0.1, 0.25, 0.75, 1.75, 2.25, 3.0], [0.1, 0.2, 0.4
 CARTPOLE_TASKS = TaskSet(list(product(_MASSES, _LENGTHS)), list(product(_TEST_MASSES, _TEST_LENGTHS)))
 """The cart's mass in kg and the pole's length in m: 15 to train, 36 to test, of which 6 lie inside the train box."""
 
-CARTPOLE_SWING_UP = Family(CartpoleSwingUpEnv, CARTPOLE_TASKS, max_episode_steps=200)
+CARTPOLE_SWING_UP = Family(
+    CartpoleSwingUpEnv, CARTPOLE_TASKS, task_sets={"beyond": CARTPOLE_TASKS.beyond()}, max_episode_steps=200
+)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,10 @@ class PointGoalEnv(PointMassEnv):
 
     The observation is position and velocity ``(2 dim,)``, the action ``(dim,)`` in [-1, 1] asks for a velocity. The
     point starts near the origin. Each reward tells one number, and the goal has ``dim``.
+
+    PEARL's point differs: it has no inertia, shows its position alone, moves by at most 0.1 per step and axis, starts
+    anywhere in the square [-1, 1]^2, and has 20 steps. Its goals are ``tasks="pearl"``, with ``dim=2``. Rakelly et al.:
+    *Efficient Off-Policy Meta-Reinforcement Learning via Probabilistic Context Variables* (2019).
 
     Args:
         dim: dimension of the space.
@@ -61,20 +65,34 @@ def point_goal_tasks(dim: int) -> TaskSet:
     return TaskSet(goals[:100], goals[100:], space=cube, train_box=cube)
 
 
+def _beyond(dim: int) -> TaskSet:
+    """Return the same goals to train, and 20 to test from the cube [-1.5, 1.5]^dim that lie outside [-1, 1]^dim."""
+    around = np.random.RandomState(1338).uniform(-1.5, 1.5, (200, dim))
+    outside = around[(np.abs(around) > 1.0).any(axis=1)][:20]
+    return point_goal_tasks(dim).beyond(outside, space=Box(-1.5, 1.5, (dim,)))
+
+
+_PLANE = Box(-1.0, 1.0, (2,))
+_PEARL_GOALS = np.random.RandomState(1337).uniform(-1.0, 1.0, (100, 2))
+
+POINT_GOAL_PEARL_TASKS = TaskSet(_PEARL_GOALS[:80], _PEARL_GOALS[80:], space=_PLANE, train_box=_PLANE)
+"""The goals of PEARL's point robot, ``tasks="pearl"`` with ``dim=2``: 80 to train, 20 to test."""
+
+
 class PointGoalFamily(Family):
     """Makes environments whose ``dim`` says which goals are their own."""
 
-    def __call__(
-        self, *, dim: int = 3, tasks: Any = None, task_space: Box | None = None, **kwargs: Any
-    ) -> gym.Env[Any, Any]:
-        """Make one environment; the arguments are those of Family and of PointGoalEnv."""
-        own = point_goal_tasks(dim)
-        return super().__call__(
-            dim=dim,
-            tasks=own if tasks is None else tasks,
-            task_space=own.space if task_space is None else task_space,
-            **kwargs,
-        )
+    def tasks_for(self, env_kwargs: Mapping[str, Any]) -> tuple[TaskSet, Mapping[str, TaskSet]]:
+        """Return the goals of that dimension. Those that are published lie in the plane."""
+        dim = env_kwargs.get("dim", 3)
+        published = {"pearl": POINT_GOAL_PEARL_TASKS} if dim == 2 else {}
+        return point_goal_tasks(dim), {"beyond": _beyond(dim), **published}
+
+    def named(self, name: str, task_sets: Mapping[str, TaskSet]) -> TaskSet:
+        """Return the task set of that name."""
+        if name == "pearl" and name not in task_sets:
+            raise ValueError("tasks='pearl' are goals in the plane: give dim=2 too.")
+        return super().named(name, task_sets)
 
 
 POINT_GOAL = PointGoalFamily(PointGoalEnv, point_goal_tasks(3), max_episode_steps=50)

@@ -23,8 +23,11 @@ class SparsePointGoalEnv(PointEnv):
     The observation is the position ``(2,)``, the action the velocity ``(2,)`` in [-1, 1]; at 1 the point moves by
     0.15 per step. It starts near the origin; an episode is truncated after 20 steps and never terminates. If the goal
     is on the upper half of the unit circle, a sweep of that half finds it within one episode, and earns 0.6 of what a
-    point earns that knows the goal from the start. Rakelly et al. have a slower point with sparse rewards: *Efficient
-    Off-Policy Meta-Reinforcement Learning via Probabilistic Context Variables* (2019).
+    point earns that knows the goal from the start.
+
+    PEARL's point is slower: it starts at the origin, moves by at most 0.1 per step and axis, and is paid within 0.2 of
+    the goal. Its goals are ``tasks="pearl"``. Rakelly et al.: *Efficient Off-Policy Meta-Reinforcement Learning via
+    Probabilistic Context Variables* (2019).
 
     Args:
         render_mode: None, or ``"rgb_array"``; the goal and where it pays are green.
@@ -76,4 +79,12 @@ def _goals(n: int) -> NDArray[np.float64]:
 SPARSE_POINT_GOAL_TASKS = TaskSet(_goals(40), _goals(20), space=_HALF_DISC)
 """Goals all along the upper half of the unit circle: 40 to train, and 20 in between to test."""
 
-SPARSE_POINT_GOAL = Family(SparsePointGoalEnv, SPARSE_POINT_GOAL_TASKS, n_episodes=3)
+_PEARL_ANGLES = np.linspace(0.0, np.pi, 100)  # rad
+_PEARL_GOALS = np.random.RandomState(1337).permutation(np.stack([np.cos(_PEARL_ANGLES), np.sin(_PEARL_ANGLES)], axis=1))
+
+SPARSE_POINT_GOAL_PEARL_TASKS = TaskSet(_PEARL_GOALS[:80], _PEARL_GOALS[80:], space=_HALF_DISC, train_box=_HALF_DISC)
+"""The goals of PEARL's sparse point robot, ``tasks="pearl"``: 80 to train, 20 to test, in the published order."""
+
+SPARSE_POINT_GOAL = Family(
+    SparsePointGoalEnv, SPARSE_POINT_GOAL_TASKS, task_sets={"pearl": SPARSE_POINT_GOAL_PEARL_TASKS}, n_episodes=3
+)

@@ -97,4 +97,6 @@ negative strengths, a policy that does not know the body does as well as one tha
 (docs/results.md).
 """
 
-CHEETAH_PARAMS = Family(CheetahParamsEnv, CHEETAH_PARAMS_TASKS, max_episode_steps=200)
+CHEETAH_PARAMS = Family(
+    CheetahParamsEnv, CHEETAH_PARAMS_TASKS, task_sets={"beyond": CHEETAH_PARAMS_TASKS.beyond()}, max_episode_steps=200
+)

@@ -96,4 +96,18 @@ _VELOCITIES = np.random.RandomState(1337).uniform(0.0, 3.0, 130).round(4).reshap
 CHEETAH_VEL_TASKS = TaskSet(_VELOCITIES[:100], _VELOCITIES[100:], space=Box(0.0, 3.0, (1,)))
 """Target velocities in m/s, those of the BrunoSAC paper: 100 to train, 30 to test."""
 
-CHEETAH_VEL = Family(CheetahVelEnv, CHEETAH_VEL_TASKS, max_episode_steps=200)
+_ENDS = np.random.RandomState(1337).uniform([[0.0], [3.0]], [[0.5], [3.5]], (2, 50)).reshape(-1, 1)
+
+CHEETAH_VEL_TAVT_TASKS = TaskSet(
+    _ENDS, [[0.75], [1.25], [1.75], [2.25], [2.75]], space=Box(0.0, 3.5, (1,)), train_box=Box(0.0, 3.5, (1,))
+)
+"""Target velocities in m/s with a gap in the middle, ``tasks="tavt"``: 50 from each of [0, 0.5] and [3, 3.5] to train.
+
+The 5 test tasks lie in the gap. ``inside_train_box``, which knows no gaps, calls them inside. Kim et al.: *Task-Aware
+Virtual Training: Enhancing Generalization in Meta-Reinforcement Learning for Out-of-Distribution Tasks* (2025), whose
+training velocities are other draws from the same ranges.
+"""
+
+CHEETAH_VEL = Family(
+    CheetahVelEnv, CHEETAH_VEL_TASKS, task_sets={"tavt": CHEETAH_VEL_TAVT_TASKS}, max_episode_steps=200
+)
