@@ -6,7 +6,9 @@ from sb3_bruno_envs.classic.point_dir import POINT_DIR_TASKS, PointDirEnv
 from sb3_bruno_envs.classic.point_goal import PointGoalEnv, point_goal_tasks
 from sb3_bruno_envs.classic.point_rotation import POINT_ROTATION_TASKS, PointRotationEnv
 from sb3_bruno_envs.classic.sparse_point_goal import SPARSE_POINT_GOAL_TASKS, SparsePointGoalEnv
+from sb3_bruno_envs.classic.wind import WIND_TASKS, WindEnv
 from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.mujoco.cheetah_gravity import CHEETAH_GRAVITY_TASKS, CheetahGravityEnv
 from sb3_bruno_envs.mujoco.cheetah_params import CHEETAH_PARAMS_TASKS, CheetahParamsEnv
 from sb3_bruno_envs.mujoco.exact_state import ExactState
 from sb3_bruno_envs.mujoco.half_cheetah import (
@@ -26,13 +28,16 @@ from sb3_bruno_envs.wrappers.trial import Trial
 __all__ = [
     "CARTPOLE_TASKS",
     "CHEETAH_DIR_TASKS",
+    "CHEETAH_GRAVITY_TASKS",
     "CHEETAH_PARAMS_TASKS",
     "CHEETAH_VEL_TASKS",
     "POINT_DIR_TASKS",
     "POINT_ROTATION_TASKS",
     "SPARSE_POINT_GOAL_TASKS",
+    "WIND_TASKS",
     "CartpoleSwingUpEnv",
     "CheetahDirEnv",
+    "CheetahGravityEnv",
     "CheetahParamsEnv",
     "CheetahVelEnv",
     "ExactState",
@@ -48,6 +53,7 @@ __all__ = [
     "TaskSet",
     "TransitionObservation",
     "Trial",
+    "WindEnv",
     "as_task_distribution",
     "check_meta_env",
     "point_goal_tasks",

@@ -17,10 +17,12 @@ FAMILIES = {
     "CheetahVel-v0": "sb3_bruno_envs.mujoco.half_cheetah:CHEETAH_VEL",
     "CartpoleSwingUp-v0": "sb3_bruno_envs.classic.cartpole:CARTPOLE_SWING_UP",
     "CheetahParams-v0": "sb3_bruno_envs.mujoco.cheetah_params:CHEETAH_PARAMS",
+    "CheetahGravity-v0": "sb3_bruno_envs.mujoco.cheetah_gravity:CHEETAH_GRAVITY",
     "PointDir-v0": "sb3_bruno_envs.classic.point_dir:POINT_DIR",
     "PointGoal-v0": "sb3_bruno_envs.classic.point_goal:POINT_GOAL",
     "PointRotation-v0": "sb3_bruno_envs.classic.point_rotation:POINT_ROTATION",
     "SparsePointGoal-v0": "sb3_bruno_envs.classic.sparse_point_goal:SPARSE_POINT_GOAL",
+    "Wind-v0": "sb3_bruno_envs.classic.wind:WIND",
 }
 """The place of each id's family. A new family is a file of its own and a line here."""
 

@@ -29,11 +29,13 @@ STEPS = {  # per episode
     "CheetahDir-v0": 200,
     "CheetahVel-v0": 200,
     "CartpoleSwingUp-v0": 200,
+    "CheetahGravity-v0": 200,
     "CheetahParams-v0": 200,
     "PointDir-v0": 30,
     "PointGoal-v0": 50,
     "PointRotation-v0": 50,
     "SparsePointGoal-v0": 60,
+    "Wind-v0": 75,
 }
 TRIALS = ["SparsePointGoal-v0"]  # which end by themselves, after several inner episodes
 OBSERVE = ["transition", "task", "plain"]

@@ -17,6 +17,7 @@ import sb3_bruno_envs  # noqa: F401  # registers the ids
         "PointRotation-v0",
         "CartpoleSwingUp-v0",
         "SparsePointGoal-v0",
+        "Wind-v0",
         pytest.param("CheetahDir-v0", marks=pytest.mark.mujoco),
     ],
 )

@@ -32,3 +32,11 @@ def paint(
     for down in range(-radius, radius + 1):
         for right in range(-radius, radius + 1):
             image[np.clip(rows + down, 0, _PIXELS - 1), np.clip(columns + right, 0, _PIXELS - 1)] = colour
+
+
+def arrow(tip: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points of an arrow from the origin to ``tip``, ``(60, 2)``."""
+    back, side = -tip, np.array([-tip[1], tip[0]])
+    shaft = np.linspace(0.0, 1.0, 40)[:, None] * tip
+    barb = np.linspace(0.0, 0.25, 10)[:, None]
+    return np.concatenate([shaft, tip + barb * (back + side), tip + barb * (back - side)])

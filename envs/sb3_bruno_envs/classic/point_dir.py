@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
+from sb3_bruno_envs.classic.painting import arrow
 from sb3_bruno_envs.classic.point import PointEnv
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.naming import direction_name
@@ -55,11 +56,7 @@ class PointDirEnv(PointEnv):
 
     def task_points(self) -> NDArray[np.float64]:
         """Return an arrow from the origin, ``(60, 2)``."""
-        tip = self.direction
-        shaft = np.linspace(0.0, 1.0, 40)[:, None] * tip
-        back, side = -tip, np.array([-tip[1], tip[0]])
-        barb = np.linspace(0.0, 0.25, 10)[:, None]
-        return np.concatenate([shaft, tip + barb * (back + side), tip + barb * (back - side)])
+        return arrow(self.direction)
 
 
 POINT_DIR_TASKS = TaskSet([[-1.0, 0.0], [1.0, 0.0]], space=Box(-1.0, 1.0, (2,)))

@@ -84,3 +84,18 @@ def test_bad_arguments_are_named(kwargs, named):
 def test_a_family_of_no_dimension_is_refused_before_its_tasks_are_drawn(dim):
     with pytest.raises(ValueError, match=f"dim={dim} is not positive"):
         gym.make("sb3_bruno_envs:PointGoal-v0", dim=dim)
+
+
+@pytest.mark.parametrize(
+    ("name", "standing", "random"), [("PointGoal-v0", -45.3, -77.9), ("PointRotation-v0", -39.1, -75.6)]
+)
+def test_standing_still_and_random_actions_earn_what_they_did(name, standing, random):
+    env = gym.make(f"sb3_bruno_envs:{name}", split="test", draw="cycle", observe="plain")
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    for strength, known in ((0.0, standing), (1.0, random)):
+        returns = []
+        for _ in range(20):
+            env.reset()
+            returns.append(sum(env.step(strength * env.action_space.sample())[1] for _ in range(50)))
+        assert np.mean(returns) == pytest.approx(known, rel=0.2)
