@@ -1,0 +1,77 @@
+"""Gives a planar robot a body that a task names by log factors; knows no particular robot."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sb3_bruno_envs.mujoco.exact_state import ExactState
+from sb3_bruno_envs.mujoco.physics import scale_physics
+
+
+class HiddenBody(ExactState):
+    """Multiplies the numbers of the model by the exponentials of a task; the reward stays Gymnasium's.
+
+    Put it before Gymnasium's class. A task holds, in this order, natural logarithms of factors:
+
+    - of each body's mass, and of its rotational inertia with it, as a denser material;
+    - of each damped joint's damping;
+    - of each foot's sliding friction. Of two geoms in contact MuJoCo takes the greater, so the floor's is the least.
+
+    With ``published=True`` a task holds a log factor for every entry, as in the environments of PEARL (Rakelly et al.,
+    2019): mass ``(n_bodies,)``, inertia ``(n_bodies, 3)``, damping ``(n_velocities,)`` and friction ``(n_geoms, 3)``,
+    those of world and floor too. Two thirds of these numbers change nothing in a plane. The others make bodies that
+    cannot exist: their inertias violate the triangle inequality in nine of ten tasks. What MuJoCo derives from masses
+    stays that of the original body.
+
+    Args:
+        frame_skip: steps of the simulation (0.002 s) per step of the environment. 8 makes 0.016 s, as published; 4 are
+            Gymnasium's 0.008 s.
+        published: take tasks as published.
+        **kwargs: further keyword arguments of Gymnasium's class.
+    """
+
+    feet: ClassVar[tuple[str, ...]]
+    """The names of the geoms that touch the floor."""
+
+    def __init__(self, *, frame_skip: int = 8, published: bool = False, **kwargs: Any) -> None:
+        self.published = published
+        super().__init__(frame_skip=frame_skip, **kwargs)
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Write the model's numbers from a task ``(dim,)``; the state of the episode stays.
+
+        Raises:
+            ValueError: if a number is not finite, or their number is wrong.
+        """
+        write = self._write_every_entry if self.published else self._write_body
+        write(np.array(task, dtype=np.float64))
+
+    def _write_body(self, task: NDArray[np.float64]) -> None:
+        model = self.original_model
+        bodies = [model.body(i).name for i in range(1, model.nbody)]  # 0 is the world
+        joints = [model.joint(i).name for i in range(model.njnt) if model.joint(i).damping[0] > 0.0]
+        masses, dampings, frictions = _factors(task, len(bodies), len(joints), len(self.feet))
+        scale_physics(
+            self,
+            mass=dict(zip(bodies, masses, strict=True)),
+            damping=dict(zip(joints, dampings, strict=True)),
+            friction=dict(zip(self.feet, frictions, strict=True)),
+        )
+
+    def _write_every_entry(self, task: NDArray[np.float64]) -> None:
+        model, original = self.model, self.original_model
+        masses, inertias, dampings, frictions = _factors(task, model.nbody, 3 * model.nbody, model.nv, 3 * model.ngeom)
+        model.body_mass[:] = masses * original.body_mass
+        model.body_inertia[:] = inertias.reshape(-1, 3) * original.body_inertia
+        model.dof_damping[:] = dampings * original.dof_damping
+        model.geom_friction[:] = frictions.reshape(-1, 3) * original.geom_friction
+
+
+def _factors(task: NDArray[np.float64], *counts: int) -> list[NDArray[np.float64]]:
+    """Return a task's factors in parts of these lengths."""
+    if task.shape != (sum(counts),) or not np.isfinite(task).all():
+        raise ValueError(f"task={task!r} is invalid: give {sum(counts)} finite log factors, 0 for the original.")
+    return np.split(np.exp(task), np.cumsum(counts)[:-1])
