@@ -9,19 +9,30 @@ from sb3_bruno_envs import MetaTask, PointDirEnv
 from sb3_bruno_envs.naming import direction_name, place_name
 
 IDS = sorted(spec.id for spec in registry.values() if str(spec.entry_point).startswith("sb3_bruno_envs."))
+NAMELESS = {"HopperParams-v0", "WalkerParams-v0"}  # nobody has a name for a body of 8 or 15 factors
 EXAMPLES = {
     "PointDir-v0": ([-1, 0], "left"),
     "PointGoal-v0": ([0.5, -1, 0.25], "goal (0.5, -1, 0.25)"),
     "PointRotation-v0": ([0, -1], "-90 degrees"),
     "SparsePointGoal-v0": ([0, 1], "goal at 90 degrees"),
     "CartpoleSwingUp-v0": ([0.1, 0.5], "pole of 0.1 kg, 0.5 m"),
+    "Wind-v0": ([0.01, -0.08], "wind (0.01, -0.08)"),
+    "AntDir-v0": ([-1, 0], "backward"),
+    "AntDir2D-v0": ([0.6, 0.8], "53.13 degrees"),
+    "AntGoal-v0": ([0.5, -3], "goal (0.5, -3) m"),
+    "HumanoidDir-v0": ([0, 1], "left"),
+    "CheetahGravity-v0": ([9.81], "9.81 m/s^2"),
     "CheetahDir-v0": ([0, 1], "forward"),
     "CheetahVel-v0": ([1.9], "1.9 m/s"),
     "CheetahParams-v0": ([1, 0.5, 2, -1], "mass 1, damping 0.5, friction 2, strength -1"),
 }
 
 
-@pytest.mark.parametrize("env_id", IDS)
+def test_every_family_is_here():
+    assert EXAMPLES.keys() | NAMELESS == set(IDS)
+
+
+@pytest.mark.parametrize("env_id", EXAMPLES)
 def test_a_family_names_all_its_tasks_apart(env_id):
     env = gym.make(env_id, observe="plain")
     tasks, name_task = env.get_wrapper_attr("task_distribution").tasks("train"), env.unwrapped.name_task

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sb3_bruno_envs.classic.painting import arrow
 from sb3_bruno_envs.classic.point import PointEnv
 from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.naming import place_name
 from sb3_bruno_envs.tasks import TaskSet
 
 GOAL = np.array([0.0, 1.0])
@@ -45,6 +46,11 @@ class WindEnv(PointEnv):
     def set_task(self, task: ArrayLike) -> None:
         """Set the wind from a task ``(2,)``, how far it blows the point per step."""
         self.wind = np.array(task, dtype=np.float64)
+
+    @staticmethod
+    def name_task(task: ArrayLike) -> str:
+        """Return the wind per step."""
+        return f"wind {place_name(task)}"
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Move at the velocity ``action``, and with the wind."""

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.mujoco.ant import MetaAntEnv
 from sb3_bruno_envs.mujoco.hidden_direction import unit_vectors
+from sb3_bruno_envs.naming import place_name
 from sb3_bruno_envs.tasks import TaskSet
 
 
@@ -45,6 +46,11 @@ class AntGoalEnv(MetaAntEnv):
         """Set the goal from a task ``(2,)``, its x and y in m."""
         x, y = np.array(task, dtype=np.float64)
         self.goal = np.array([x, y])
+
+    @staticmethod
+    def name_task(task: ArrayLike) -> str:
+        """Return the coordinates of the goal."""
+        return f"goal {place_name(task)} m"
 
     def _get_rew(self, x_velocity: float, action: NDArray[np.float32]) -> tuple[float, dict[str, float]]:
         goal = -float(np.abs(self.data.qpos[:2] - self.goal).sum())

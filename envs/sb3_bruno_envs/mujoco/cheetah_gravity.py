@@ -42,6 +42,11 @@ class CheetahGravityEnv(MetaHalfCheetahEnv):
         factor = gravity[0] / np.float32(EARTH)  # in the precision of tasks, so that it is 1 for Earth's
         self.model.opt.gravity[:] = float(factor) * self.original_model.opt.gravity
 
+    @staticmethod
+    def name_task(task: ArrayLike) -> str:
+        """Return the gravity."""
+        return f"{np.asarray(task, dtype=np.float64).item():.4g} m/s^2"
+
     def progress(self, x_velocity: float) -> float:
         """Return the forward velocity, m/s."""
         return x_velocity

@@ -9,6 +9,7 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.mujoco.exact_state import ExactState
+from sb3_bruno_envs.naming import direction_name
 from sb3_bruno_envs.tasks import TaskSet
 
 
@@ -38,6 +39,14 @@ class HiddenDirection(ExactState):
         if direction.shape != (2,) or not abs(np.linalg.norm(direction) - 1.0) < 1e-3:
             raise ValueError(f"task={task!r} is no direction: give two numbers of length 1, such as [0.6, 0.8].")
         self.direction = direction
+
+    @staticmethod
+    def name_task(task: ArrayLike) -> str:
+        """Return ``"forward"``, ``"backward"``, ``"left"`` or ``"right"``, or the angle of another direction."""
+        name = direction_name(task)
+        return {"0 degrees": "forward", "180 degrees": "backward", "90 degrees": "left", "-90 degrees": "right"}.get(
+            name, name
+        )
 
     def step(
         self, action: NDArray[np.float32]
