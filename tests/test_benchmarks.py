@@ -75,3 +75,11 @@ def test_hidden_angle_keeps_its_runs(tmp_path):
     kept = json.loads((tmp_path / "hidden_angle.json").read_text())
     assert kept["runs"]["SAC"]["1"]["return"] < 0 and kept["commits"]["SAC"].keys() == {"1"}
     assert "seed" not in run("hidden_angle.py", *command).split("|")[0]
+
+
+def test_task_matters_compares_an_agent_that_is_told_with_one_that_is_not(tmp_path):
+    run("task_matters.py", "--families", "PointDir-v0", "--divide-steps", "10", "--out", str(tmp_path))
+    kept = json.loads((tmp_path / "task_matters.json").read_text())["runs"]
+    told, not_told = (kept[f"PointDir-v0 / {agent}"]["1"]["return"] for agent in ("oracle", "markov"))
+    assert told > 5 > not_told and kept["PointDir-v0 / standing still"]["0"]["return"] == 0
+    assert "| PointDir-v0 | 0.0 | " in (tmp_path / "task_matters.md").read_text()
