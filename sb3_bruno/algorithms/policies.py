@@ -8,18 +8,20 @@ from __future__ import annotations
 import copy
 import warnings
 from collections.abc import Mapping
-from typing import Any, SupportsFloat
+from typing import Any, ClassVar, SupportsFloat
 
 import numpy as np
 import torch as th
 from gymnasium import spaces
 from numpy.typing import NDArray
+from stable_baselines3.common.distributions import SquashedDiagGaussianDistribution
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, FlattenExtractor
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 
 from sb3_bruno.algorithms.carried import Carried, State
 from sb3_bruno.algorithms.forgetting import absorb_or_forget
+from sb3_bruno.algorithms.lean_networks import LeanCritic, LeanSquashedGaussian
 from sb3_bruno.algorithms.reading import read_episode_start, read_observation
 from sb3_bruno.buffers.extended_obs import CriticInput, ExtendedObs, SliceExtractor
 from sb3_bruno.buffers.numbers import check_numbers, place_in_env
@@ -49,12 +51,16 @@ class TaskInferencePolicy(BasePolicy):
             never. For tasks that switch in mid-episode; may be set on a trained policy. Training never forgets.
         **kwargs: arguments of the policy that this is mixed into.
 
+    Attributes:
+        critic_class: of the critics; None: that of the policy that this is mixed into.
+
     Raises:
         ValueError: if a features extractor is asked for, which the extended observation would drop silently,
             ``forget_threshold`` is not positive or the encoder cannot notice a switch, or the critics do not read the
             belief that they should teach.
     """
 
+    critic_class: ClassVar[type[LeanCritic] | None] = None
     observation_space: spaces.Dict
     encoder: TaskEncoder
     encoder_target: TaskEncoder | None
@@ -128,11 +134,16 @@ class TaskInferencePolicy(BasePolicy):
 
     def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
         extractor = SliceExtractor(self.layout.space, self.layout.actor_slices)
-        return super().make_actor(extractor)  # type: ignore[misc]  # of the policy it is mixed into
+        actor = super().make_actor(extractor)  # type: ignore[misc]  # of the policy it is mixed into
+        if type(getattr(actor, "action_dist", None)) is SquashedDiagGaussianDistribution:
+            actor.action_dist = LeanSquashedGaussian(actor.action_dist.action_dim)
+        return actor
 
     def make_critic(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
         extractor = SliceExtractor(self.layout.space, self.layout.critic_slices(self.critic_input))
-        return super().make_critic(extractor)  # type: ignore[misc]  # likewise
+        if self.critic_class is None:
+            return super().make_critic(extractor)  # type: ignore[misc]  # likewise
+        return self.critic_class(**self._update_features_extractor(self.critic_kwargs, extractor)).to(self.device)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         data = super()._get_constructor_parameters()
@@ -169,14 +180,23 @@ class TaskInferencePolicy(BasePolicy):
 
         Raises:
             ValueError: if ``state`` is none that this policy returned for these envs, an array is no extended
-                observation, or a key of the observation is missing or holds a number that is not finite.
+                observation, a key of the observation is missing or holds a number that is not finite, or the actions
+                are not finite.
         """
         if not isinstance(observation, dict):
-            return super().predict(observation, state, episode_start, deterministic)  # type: ignore[arg-type]  # as it is
+            return self._act(observation, deterministic), state
         carried = None if state is None else Carried.unpack(state, self.encoder, self.device)
         extended, carried = self.extend(observation, carried, episode_start, self.forget_threshold)
-        actions, _ = super().predict(extended, deterministic=deterministic)  # type: ignore[arg-type]  # likewise
-        return actions, carried.pack()
+        return self._act(extended, deterministic), carried.pack()
+
+    def _act(self, extended: NDArray[Any] | th.Tensor, deterministic: bool) -> NDArray[Any]:
+        actions, _ = super().predict(extended, deterministic=deterministic)  # type: ignore[arg-type]  # a tensor too
+        if not np.isfinite(actions).all():
+            raise ValueError(
+                "The actor's actions are not finite, for its training diverged: train with a lower `learning_rate`, or "
+                "load an agent from before."
+            )
+        return actions
 
     @th.inference_mode()
     def extend(

@@ -10,6 +10,7 @@ from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.sac.policies import SACPolicy
 
 from sb3_bruno.algorithms.arguments import EncoderArguments, SACArguments, takes_arguments_of
+from sb3_bruno.algorithms.lean_networks import LeanContinuousCritic, LeanCritic
 from sb3_bruno.algorithms.policies import POLICY_NAMES, TaskInferencePolicy
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders import TaskEncoder
@@ -19,6 +20,8 @@ from sb3_bruno.encoders.recurrent import RecurrentArguments
 
 class TaskSACPolicy(TaskInferencePolicy, SACPolicy):
     """Acts as SAC's policy does, on observation and belief."""
+
+    critic_class: ClassVar[type[LeanCritic] | None] = LeanContinuousCritic
 
 
 class TaskSAC(TaskInference, SAC, Generic[EncoderArguments]):

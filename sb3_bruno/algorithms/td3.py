@@ -10,6 +10,7 @@ from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.td3.policies import TD3Policy
 
 from sb3_bruno.algorithms.arguments import EncoderArguments, TD3Arguments, takes_arguments_of
+from sb3_bruno.algorithms.lean_networks import LeanContinuousCritic, LeanCritic
 from sb3_bruno.algorithms.policies import POLICY_NAMES, TaskInferencePolicy
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders import TaskEncoder
@@ -19,6 +20,8 @@ from sb3_bruno.encoders.recurrent import RecurrentArguments
 
 class TaskTD3Policy(TaskInferencePolicy, TD3Policy):
     """Acts as TD3's policy does, on observation and belief."""
+
+    critic_class: ClassVar[type[LeanCritic] | None] = LeanContinuousCritic
 
 
 class TaskTD3(TaskInference, TD3, Generic[EncoderArguments]):

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import ClassVar, Generic, Unpack
 
 from sb3_contrib import TQC
-from sb3_contrib.tqc.policies import TQCPolicy
+from sb3_contrib.tqc.policies import Critic, TQCPolicy
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv
 
 from sb3_bruno.algorithms.arguments import EncoderArguments, TQCArguments, takes_arguments_of
+from sb3_bruno.algorithms.lean_networks import LeanCritic
 from sb3_bruno.algorithms.policies import POLICY_NAMES, TaskInferencePolicy
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders import TaskEncoder
@@ -17,8 +18,14 @@ from sb3_bruno.encoders.bruno_arguments import BrunoArguments
 from sb3_bruno.encoders.recurrent import RecurrentArguments
 
 
+class TaskTQCCritic(LeanCritic, Critic):
+    """TQC's critics."""
+
+
 class TaskTQCPolicy(TaskInferencePolicy, TQCPolicy):
     """Acts as TQC's policy does, on observation and belief."""
+
+    critic_class: ClassVar[type[LeanCritic] | None] = TaskTQCCritic
 
 
 class TaskTQC(TaskInference, TQC, Generic[EncoderArguments]):

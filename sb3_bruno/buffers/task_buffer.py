@@ -182,14 +182,16 @@ class TaskReplayBuffer(TaskRing):
         if self._encoded is None or not self._encoded.has(n_sequences, per_row):
             if self._before_encode is not None:
                 self._before_encode()
-            self._encoded = self._encode(self._encoder, n_sequences, env)
+            self._encoded = self._encode(self._encoder, n_sequences, per_row, env)
         return self._encoded.read(batch_size, per_row)
 
     def forget_beliefs(self) -> None:
         """Encode new sequences before the next sample: the encoder, the normalisation or the data changed."""
         self._encoded = None
 
-    def _encode(self, encoder: TaskEncoder, n_sequences: int, env: VecNormalize | None) -> EncodedSequences:
+    def _encode(
+        self, encoder: TaskEncoder, n_sequences: int, per_row: int, env: VecNormalize | None
+    ) -> EncodedSequences:
         rows, drawn = self._context_rows(n_sequences)
         slots, sequences = rows.slots, self._sequences(rows, drawn, env)
         transitions, tasks, weights = sequences
@@ -226,7 +228,7 @@ class TaskReplayBuffer(TaskRing):
             dones=done,
             rewards=rewards,
         )
-        return EncodedSequences(samples, rows.is_read, self.rng, gradient)
+        return EncodedSequences(samples, rows.is_read, self.rng, per_row, gradient)
 
     def sample_sequences(self, n_sequences: int, env: VecNormalize | None = None) -> TaskSequences:
         """Sample sequences of transitions of one task each: what the encoder learns from.
