@@ -6,12 +6,12 @@ each of its members weighted by how many it stands for, estimates the sum withou
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sb3_bruno.buffers.distinct import distinct_places
 from sb3_bruno.buffers.episode_index import Slots
 
 WINDOW = 128
@@ -54,36 +54,29 @@ def shortened(slots: Slots, lengths: Slots, drawn: Slots, rng: np.random.Generat
     """
     if lengths.max() <= EARLIER + WINDOW:
         return whole(slots, lengths)
-    steps = np.argmax(slots == drawn[:, None], axis=1)
-
-    def begin(i: int) -> int:
-        return int(np.clip(steps[i] - rng.integers(WINDOW), 0, lengths[i] - WINDOW))
-
-    return _with_windows(slots, lengths, begin, rng)
+    step = np.argmax(slots == drawn[:, None], axis=1)
+    return _with_windows(slots, lengths, step - rng.integers(WINDOW, size=len(slots)), rng)
 
 
 def newest(slots: Slots, lengths: Slots, rng: np.random.Generator) -> EpisodeRows:
     """Take the newest steps, and a sample of those before them that stands for all; arguments as in ``shortened``."""
     if lengths.max() <= EARLIER + WINDOW:
         return whole(slots, lengths)
-    return _with_windows(slots, lengths, lambda i: int(lengths[i]) - WINDOW, rng)
+    return _with_windows(slots, lengths, lengths - WINDOW, rng)
 
 
-def _with_windows(
-    slots: Slots, lengths: Slots, begin_of: Callable[[int], int], rng: np.random.Generator
-) -> EpisodeRows:
-    """Take a window of each long episode, which begins at step ``begin_of(row)``, and a sample before it."""
-    most = EARLIER + WINDOW
-    chosen = np.repeat(slots[:, :1], most, axis=1)  # padding, where an episode has no step at all
-    counts, is_read = np.zeros(chosen.shape, dtype=np.float32), np.zeros(chosen.shape, dtype=bool)
-    for i, length in enumerate(lengths.tolist()):
-        if length == 0:
-            continue
-        begin = 0 if length <= most else begin_of(i)
-        before = np.sort(rng.choice(begin, min(begin, EARLIER), replace=False))
-        steps = np.concatenate([before, np.arange(begin, min(begin + (WINDOW if length > most else length), length))])
-        counts[i, : len(steps)] = 1.0
-        counts[i, : len(before)] = begin / max(len(before), 1)
-        is_read[i, len(before) : len(steps)] = True
-        chosen[i] = slots[i, np.pad(steps, (0, most - len(steps)), mode="edge")]
-    return EpisodeRows(chosen, counts, is_read)
+def _with_windows(slots: Slots, lengths: Slots, begin: Slots, rng: np.random.Generator) -> EpisodeRows:
+    """Take a window of each long episode, which begins at the step ``begin``, (n,), and a sample before it."""
+    column, is_long = np.arange(EARLIER + WINDOW), lengths > EARLIER + WINDOW
+    begin = np.where(is_long, np.clip(begin, 0, np.maximum(lengths - WINDOW, 0)), 0)
+    end = np.where(is_long, begin + WINDOW, lengths)[:, None]
+    n_earlier = np.minimum(begin, EARLIER)[:, None]
+    sampled = np.sort(distinct_places(np.maximum(begin, 1), EARLIER, rng), axis=1)
+    earlier = np.where((begin > EARLIER)[:, None], sampled, np.arange(EARLIER))
+    steps = begin[:, None] + column - n_earlier  # of the window, in the columns after the earlier ones
+    is_earlier, is_read = column < n_earlier, (column >= n_earlier) & (steps < end)
+    weight = begin[:, None] / np.maximum(n_earlier, 1)
+    counts = np.where(is_earlier, weight, is_read).astype(np.float32)
+    last = np.maximum(end - 1, 0)  # pads, also where an episode has no step at all
+    steps = np.where(is_earlier, np.pad(earlier, ((0, 0), (0, WINDOW))), np.minimum(steps, last))
+    return EpisodeRows(np.take_along_axis(slots, steps, axis=1), counts, is_read)

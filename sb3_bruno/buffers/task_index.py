@@ -1,123 +1,139 @@
-"""Which slots of a ring buffer hold which task: numpy only, knows neither transitions nor torch."""
+"""Which slots of a ring buffer hold which task: arrays only, knows neither transitions nor torch."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.int64]
-
-
-class SlotQueue:
-    """Keeps the slots of one task, oldest first: first in, first out, with random access.
-
-    Args:
-        key: the bytes of the task vector.
-        number: the queue's place among all queues of its index.
-        place: its place among those that hold a slot.
-    """
-
-    __slots__ = ("_head", "_slots", "_tail", "key", "number", "place")  # there may be as many queues as transitions
-
-    def __init__(self, key: bytes, number: int, place: int) -> None:
-        self.key = key
-        self.number = number
-        self.place = place
-        self._slots = np.empty(4, dtype=np.int32)
-        self._head = self._tail = 0
-
-    def __len__(self) -> int:
-        return self._tail - self._head
-
-    @property
-    def task(self) -> NDArray[np.float32]:
-        """The task vector, read-only, shape (task_dim,)."""
-        return np.frombuffer(self.key, dtype=np.float32)
-
-    @property
-    def slots(self) -> NDArray[np.int32]:
-        """A view of the slots, oldest first, shape (len(self),)."""
-        return self._slots[self._head : self._tail]
-
-    def append(self, slot: int) -> None:
-        """Add the newest slot. Out of room, the live slots move to an array of twice their number."""
-        if self._tail == len(self._slots):
-            live = self.slots
-            self._slots = np.empty(max(2 * len(live), 4), dtype=np.int32)
-            self._slots[: len(live)] = live
-            self._head, self._tail = 0, len(live)
-        self._slots[self._tail] = slot
-        self._tail += 1
-
-    def popleft(self) -> None:
-        """Forget the oldest slot."""
-        self._head += 1
+LEAST_ROOM = 4
+"""Slots for which a new task has room."""
 
 
 class TaskIndex:
     """Groups slots by task vector, while a ring buffer overwrites its oldest.
 
     A ring overwrites slots in the order in which it filled them, so the slot that goes is always the oldest of its
-    task and a queue per task suffices. Example: slots 0..3 hold tasks A B A B. Slot 0 is overwritten with C: A's
-    queue goes from [0, 2] to [2] and C's becomes [0]. A task whose queue is empty is forgotten, so an endless
-    stream of new tasks takes no more memory than the slots it fills.
+    task and a queue per task suffices: first in, first out, with random access. Example: slots 0..3 hold tasks A B A B.
+    Slot 0 is overwritten with C: A's queue goes from [0, 2] to [2] and C's becomes [0]. A task whose queue is empty is
+    forgotten, so an endless stream of new tasks takes no more memory than the slots it fills.
+
+    The queues are stretches of one array, so that slots of many tasks are looked up at once. A queue at the end of its
+    room moves to twice the room it needs, behind all others. Once the array is full, all queues are packed anew.
 
     Args:
         n_slots: number of slots of the ring.
     """
 
     def __init__(self, n_slots: int) -> None:
-        self._queue_of_slot = np.full(n_slots, -1, dtype=np.int32)
-        self._queues: list[SlotQueue] = []
+        self._number_of_slot = np.full(n_slots, -1, dtype=np.int32)
+        # By number of a task: its vector, and where in the array its queue begins and ends and its room ends.
+        self._tasks = np.empty((0, 0), dtype=np.float32)
+        self._begin, self._end, self._limit = (np.empty(0, dtype=np.int32) for _ in range(3))
+        self._place = np.empty(0, dtype=np.int32)  # among those that hold a slot
+        self._number_of: dict[bytes, int] = {}
         self._free_numbers: list[int] = []
-        self._of_task: dict[bytes, SlotQueue] = {}
-        self._live: list[SlotQueue] = []
+        self._live = np.empty(0, dtype=np.int32)  # numbers of the tasks that hold a slot, the first ``len(self)`` of it
+        self._queued = np.empty(64, dtype=np.int32)
+        self._n_queued = 0
 
     def __len__(self) -> int:
         """The number of tasks that hold a slot."""
-        return len(self._live)
+        return len(self._number_of)
 
     @property
     def task_dim(self) -> int | None:
         """The size of the task vectors; None before the first."""
-        return len(self._live[0].task) if self._live else None
+        return self._tasks.shape[1] if len(self) else None
 
     def put(self, slot: int, task: NDArray[np.float32]) -> None:
         """Give ``slot`` to ``task``, taking it from the task that held it."""
-        if self._queue_of_slot[slot] >= 0:
-            self._evict(self._queues[self._queue_of_slot[slot]])
+        if self._number_of_slot[slot] >= 0:
+            self._evict(int(self._number_of_slot[slot]))
         key = task.tobytes()
-        queue = self._of_task.get(key) or self._open(key)
-        queue.append(slot)
-        self._queue_of_slot[slot] = queue.number
+        number = self._number_of.get(key)
+        if number is None:
+            number = self._open(key, task)
+        if self._end[number] == self._limit[number]:
+            self._move(number)
+        self._queued[self._end[number]] = slot
+        self._end[number] += 1
+        self._number_of_slot[slot] = number
 
-    def queue_of(self, slot: int) -> SlotQueue:
-        """Return the queue of the task that holds ``slot``."""
-        return self._queues[int(self._queue_of_slot[slot])]
+    def draw(self, size: int, rng: np.random.Generator) -> Array:
+        """Draw tasks, uniformly with replacement: their numbers, (size,)."""
+        numbers: Array = self._live[rng.integers(len(self), size=size)].astype(np.int64)
+        return numbers
 
-    def draw(self, size: int, rng: np.random.Generator) -> list[SlotQueue]:
-        """Draw queues of tasks, uniformly with replacement."""
-        return [self._live[i] for i in rng.integers(len(self._live), size=size)]
+    def number_of(self, slot: int) -> int:
+        """Return the number of the task that holds ``slot``."""
+        return int(self._number_of_slot[slot])
 
-    def _open(self, key: bytes) -> SlotQueue:
-        number = self._free_numbers.pop() if self._free_numbers else len(self._queues)
-        queue = SlotQueue(key, number, len(self._live))
-        if number == len(self._queues):
-            self._queues.append(queue)
-        else:
-            self._queues[number] = queue
-        self._of_task[key] = queue
-        self._live.append(queue)
-        return queue
+    def tasks(self, numbers: Array) -> NDArray[np.float32]:
+        """Return the vectors of tasks, (n, task_dim)."""
+        return self._tasks[numbers]
 
-    def _evict(self, queue: SlotQueue) -> None:
-        queue.popleft()
-        if len(queue) > 0:
+    def counts(self, numbers: Array) -> Array:
+        """Return how many slots each of the tasks holds, (n,)."""
+        return (self._end[numbers] - self._begin[numbers]).astype(np.int64)
+
+    def slots(self, numbers: Array, places: Array) -> Array:
+        """Look up slots of tasks (n,), at places (n, ...), of which 0 is the oldest of each: (n, ...)."""
+        begin = self._begin[numbers].reshape(-1, *(1,) * (places.ndim - 1))
+        slots: Array = self._queued[begin + places].astype(np.int64)
+        return slots
+
+    def _open(self, key: bytes, task: NDArray[np.float32]) -> int:
+        place = len(self)
+        number = self._free_numbers.pop() if self._free_numbers else place
+        if number == len(self._tasks):
+            if number == 0:
+                self._tasks = np.empty((0, len(task)), dtype=np.float32)
+            for name in ("_tasks", "_begin", "_end", "_limit", "_place", "_live"):
+                setattr(self, name, _grown(getattr(self, name)))
+        self._tasks[number] = task
+        self._begin[number] = self._end[number] = self._limit[number] = 0
+        self._live[place], self._place[number] = number, place
+        self._number_of[key] = number
+        return number
+
+    def _evict(self, number: int) -> None:
+        self._begin[number] += 1
+        if self._begin[number] < self._end[number]:
             return
-        del self._of_task[queue.key]
-        self._free_numbers.append(queue.number)
-        # The last of the live takes the place of the one that goes, so that no list is shifted.
-        last = self._live.pop()
-        if last is not queue:
-            self._live[queue.place] = last
-            last.place = queue.place
+        del self._number_of[self._tasks[number].tobytes()]
+        self._free_numbers.append(number)
+        # The last of the live takes the place of the one that goes, so that no array is shifted.
+        place, last = self._place[number], self._live[len(self)]
+        self._live[place], self._place[last] = last, place
+
+    def _move(self, number: int) -> None:
+        """Move a queue to the end of the array, with twice the room that it needs."""
+        count = int(self._end[number] - self._begin[number])
+        if self._n_queued + max(2 * count, LEAST_ROOM) > len(self._queued):
+            self._pack()
+        if self._end[number] < self._limit[number]:
+            return  # it was given room where it is
+        begin, room = self._n_queued, max(2 * count, LEAST_ROOM)
+        self._queued[begin : begin + count] = self._queued[self._begin[number] : self._end[number]]
+        self._begin[number], self._end[number], self._limit[number] = begin, begin + count, begin + room
+        self._n_queued += room
+
+    def _pack(self) -> None:
+        """Write all queues one after the other, each with as much room again, to an array half as long again."""
+        live = self._live[: len(self)].astype(np.int64)
+        counts = self.counts(live)
+        rooms = np.maximum(2 * counts, LEAST_ROOM)
+        begins = np.cumsum(rooms) - rooms
+        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        queued = np.empty(max(3 * int(rooms.sum()) // 2, 64), dtype=np.int32)
+        queued[np.repeat(begins, counts) + within] = self._queued[np.repeat(self._begin[live], counts) + within]
+        self._queued, self._n_queued = queued, int(rooms.sum())
+        self._begin[live], self._end[live], self._limit[live] = begins, begins + counts, begins + rooms
+
+
+def _grown(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array of half as many entries again, of which the first are those of this one."""
+    return np.concatenate([array, np.empty_like(array, shape=(max(len(array) // 2, 16), *array.shape[1:]))])

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.vec_env import VecNormalize
 
+from sb3_bruno.buffers.distinct import distinct_places
 from sb3_bruno.buffers.episode_index import EpisodeIndex, Slots
 from sb3_bruno.buffers.long_episodes import EpisodeRows, shortened, whole
 from sb3_bruno.buffers.numbers import check_numbers, place_in_env, read_rows
 from sb3_bruno.buffers.observed import TransitionArrays, normalize
-from sb3_bruno.buffers.task_index import SlotQueue, TaskIndex
+from sb3_bruno.buffers.task_index import TaskIndex
 from sb3_bruno.buffers.transfer import to_device
 from sb3_bruno.encoders import Transitions
 
@@ -161,12 +162,11 @@ class TaskRing(ReplayBuffer):
         Returns:
             Slots (n_sequences, length) and tasks (n_sequences, task_dim).
         """
-        queues = self._draw_tasks(n_sequences)
-        slots = np.empty((n_sequences, length), dtype=np.int64)
-        for row, queue in enumerate(queues):
-            pool = queue.slots if n_recent is None else queue.slots[-n_recent:]
-            slots[row] = pool[self.rng.choice(len(pool), length, replace=len(pool) < length)]
-        return slots, np.stack([queue.task for queue in queues])
+        numbers = self._draw_tasks(n_sequences)
+        counts = self.tasks.counts(numbers)
+        pools = counts if n_recent is None else np.minimum(counts, n_recent)
+        places = (counts - pools)[:, None] + distinct_places(pools, length, self.rng)
+        return self.tasks.slots(numbers, places), self.tasks.tasks(numbers)
 
     def episode_rows(self, n_sequences: int, *, bounded: bool) -> tuple[EpisodeRows, NDArray[np.float32]]:
         """Draw an episode each of tasks drawn uniformly with replacement, long ones more often than short ones.
@@ -178,13 +178,14 @@ class TaskRing(ReplayBuffer):
         Returns:
             The steps (n_sequences, time), and the tasks (n_sequences, task_dim).
         """
-        queues = self._draw_tasks(n_sequences)
-        drawn = np.array([queue.slots[self.rng.integers(len(queue))] for queue in queues], dtype=np.int64)
+        numbers = self._draw_tasks(n_sequences)
+        drawn = self.tasks.slots(numbers, self.rng.integers(self.tasks.counts(numbers)))
         slots, lengths = self.episodes.holding(drawn)
         rows = shortened(slots, lengths, drawn, self.rng) if bounded else whole(slots, lengths)
-        return rows, np.stack([queue.task for queue in queues])
+        return rows, self.tasks.tasks(numbers)
 
-    def _draw_tasks(self, n_sequences: int) -> list[SlotQueue]:
+    def _draw_tasks(self, n_sequences: int) -> NDArray[np.int64]:
+        """Draw the numbers of tasks, (n_sequences,)."""
         if len(self.tasks) == 0:
             raise RuntimeError("The replay buffer is empty: collect transitions before sampling.")
         return self.tasks.draw(n_sequences, self.rng)

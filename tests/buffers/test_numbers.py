@@ -93,7 +93,7 @@ def test_what_is_not_of_every_env_is_named_and_nothing_of_it_is_stored(wrong):
     with pytest.raises(ValueError, match=rf"`{name}.*` (is of type|has) .*: give "):
         buffer.add(**{**step, **wrong})
     assert buffer.pos == 1 and buffer.episodes.lengths.tolist() == [1, 1]
-    assert [len(buffer.tasks.queue_of(slot)) for slot in (0, 1)] == [1, 1]
+    assert [buffer.tasks.counts(buffer.tasks.number_of(slot)) for slot in (0, 1)] == [1, 1]
     buffer.add(**{**step, "action": [[1.0], [1.0]]})
     assert buffer.pos == 2
 
