@@ -88,11 +88,19 @@ def make(algorithm, **kwargs):
     return algorithm("MlpPolicy", env, device="cpu", **options, **own, **kwargs).learn(80)
 
 
+def warm_up(model):
+    """Let the optimisers make their state. The steps that SB3's count, unless fused, are on the host."""
+    model.train(3, 256)
+    for optimizer in (model.actor.optimizer, model.critic.optimizer, getattr(model, "ent_coef_optimizer", None)):
+        for state in optimizer.state.values() if optimizer else ():
+            state["step"].on_host = True
+
+
 @pytest.mark.parametrize(("ours", "theirs"), PAIRS, ids=lambda algorithm: algorithm.__name__)
 def test_training_fetches_little_and_sends_little(ours, theirs):
     model, plain = make(ours, encoder_update_ratio=1), make(theirs)
     for each in (model, plain):
-        crossings(lambda each=each: each.train(3, 256))  # optimisers make their state, some of it on the host
+        warm_up(each)
     for gradient_steps in (1, 2, 8):
         up, down = crossings(lambda n=gradient_steps: model.train(n, 256))
         up_plain, down_plain = crossings(lambda n=gradient_steps: plain.train(n, 256))
@@ -111,8 +119,8 @@ def test_a_distribution_is_not_validated_whatever_the_default(monkeypatch):
     monkeypatch.setattr(th.distributions.Distribution, "_validate_args", True)  # which zuko turned off on import
     model = make(BrunoSAC, encoder_update_ratio=0, gradient_steps=0)
     model.learning_starts = 0
-    crossings(lambda: model.train(1, 256))
-    assert crossings(lambda: model.train(1, 256))[1] <= 5
+    warm_up(model)
+    assert crossings(lambda: model.train(1, 256))[1] == 4  # SB3's losses
     assert crossings(lambda: model.learn(20, reset_num_timesteps=False)) == (10, 10)
 
 
@@ -120,7 +128,7 @@ def test_a_distribution_is_not_validated_whatever_the_default(monkeypatch):
 def test_so_it_is_with_every_process(process):
     model, plain = make(BrunoSAC, encoder_kwargs={"process": process}), make(SAC)
     for each in (model, plain):
-        crossings(lambda each=each: each.train(3, 256))
+        warm_up(each)
     counts = [crossings(lambda each=each: each.train(8, 256)) for each in (model, plain)]
     assert counts[0][1] == counts[1][1] + 1 and counts[0][0] <= counts[1][0]
     observation = model.get_env().reset()
