@@ -19,7 +19,7 @@ def test_speed_writes_a_table_and_its_rounds(tmp_path):
     run("speed.py", "--rounds", "2", "--only", "encoder_updates", "--out", str(tmp_path))
     measured = json.loads((tmp_path / "speed.json").read_text())
     encoder = [f"encoder update, 10 x 100, {which}" for which in ("the paper's", "the default")]
-    assert [row["what"] for row in measured["rows"]] == [*encoder, "bytes of 200,000 transitions"]
+    assert [row["what"] for row in measured["rows"]] == encoder
     assert {len(rounds) for rounds in measured["seconds"]["encoder_updates"].values()} == {2}
     assert "| encoder update, 10 x 100, the default |" in (tmp_path / "speed.md").read_text()
 
@@ -83,3 +83,32 @@ def test_task_matters_compares_an_agent_that_is_told_with_one_that_is_not(tmp_pa
     told, not_told = (kept[f"PointDir-v0 / {agent}"]["1"]["return"] for agent in ("oracle", "markov"))
     assert told > 5 > not_told and kept["PointDir-v0 / standing still"]["0"]["return"] == 0
     assert "| PointDir-v0 | 0.0 | " in (tmp_path / "task_matters.md").read_text()
+
+
+def test_speed_is_measured_in_other_processes_and_beside_a_limit(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    from speed_sections.limit import matrix_products
+    from speed_sections.race import race, row, table
+
+    seconds = race({"ours": lambda: 4.0, "elsewhere": lambda: 2.0, "products": matrix_products(8, width=16)}, 3, 2)
+    assert seconds["ours"] == [4.0] * 3 and len(seconds["products"]) == 3
+    entry = row("train", seconds, "ours", "elsewhere", "<= 1", units=8, limit="elsewhere")
+    assert entry[1:4] == (2.0, "elsewhere", 2.0) and entry.share == 0.5
+    assert "| train | 2 | elsewhere | 2.00 (2.00 to 2.00) | 0.50 | <= 1 |" in table([entry])
+
+
+def test_a_rival_in_an_environment_of_its_own_tells_its_seconds(monkeypatch, tmp_path, capsys):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    from speed_sections.rivals import sbx_training
+
+    (tmp_path / "sbx.py").write_text(
+        "class SAC:\n"
+        "    def __init__(self, *args, **kwargs): pass\n"
+        "    def learn(self, n): self.n = n\n"
+        "    def train(self, steps, batch): assert (self.n, steps, batch) == (4_000, 5, 128)\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with sbx_training(sys.executable, 5, 128) as train:
+        assert 0 <= train() < 1
+    with sbx_training(None, 5, 128) as train:
+        assert train is None and "--sbx" in capsys.readouterr().out
