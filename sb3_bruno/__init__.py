@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sb3_bruno.algorithms.crossq import BrunoCrossQ, RecurrentCrossQ, TaskCrossQ
-    from sb3_bruno.algorithms.sac import BrunoSAC, RecurrentSAC, TaskSAC
+    from sb3_bruno.algorithms.sac import BrunoSAC, PearlSAC, RecurrentSAC, TaskSAC
     from sb3_bruno.algorithms.td3 import BrunoTD3, RecurrentTD3, TaskTD3
     from sb3_bruno.algorithms.tqc import BrunoTQC, RecurrentTQC, TaskTQC
     from sb3_bruno.buffers import TaskReplayBuffer
@@ -21,6 +21,7 @@ __all__ = [
     "BrunoSAC",
     "BrunoTD3",
     "BrunoTQC",
+    "PearlSAC",
     "RecurrentCrossQ",
     "RecurrentEncoder",
     "RecurrentSAC",

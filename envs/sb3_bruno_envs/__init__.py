@@ -27,6 +27,7 @@ from sb3_bruno_envs.mujoco.walker_params import WALKER_PARAMS_TASKS, WalkerParam
 from sb3_bruno_envs.registration import register_envs, register_family
 from sb3_bruno_envs.tasks import TaskSampler, TaskSet, as_task_distribution
 from sb3_bruno_envs.wrappers.meta_task import MetaTask
+from sb3_bruno_envs.wrappers.noisy_task import NoisyTaskObservation
 from sb3_bruno_envs.wrappers.observations import TaskObservation, TransitionObservation
 from sb3_bruno_envs.wrappers.trial import Trial
 
@@ -59,6 +60,7 @@ __all__ = [
     "HumanoidDirEnv",
     "MetaHalfCheetahEnv",
     "MetaTask",
+    "NoisyTaskObservation",
     "PointDirEnv",
     "PointGoalEnv",
     "PointRotationEnv",

@@ -260,6 +260,7 @@ class EncoderTraining(OffPolicyAlgorithm):
         with th.no_grad():
             weights = self.replay_buffer.to_torch(self.replay_buffer.absorbed(rows.slots) * rows.counts)
             memory = map_memory(lambda prefixes: prefixes[:, -1], self.encoder.prefixes(transitions, weights))
+            memory = self.encoder.with_noise_of(memory, self._carried.memory)  # z is not redrawn in mid-episode
             if isinstance(self.encoder, HasPosterior):
                 posterior = self.encoder.posterior(memory)
                 beliefs = {"belief/mean_abs": posterior.mean.abs().mean(), "belief/var": posterior.variance.mean()}

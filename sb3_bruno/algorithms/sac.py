@@ -1,4 +1,4 @@
-"""SAC with task inference: by BRUNO, by a recurrent network, or by any encoder."""
+"""SAC with task inference: by BRUNO, as in PEARL, by a recurrent network, or by any encoder."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from sb3_bruno.algorithms.policies import POLICY_NAMES, TaskInferencePolicy
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders import TaskEncoder
 from sb3_bruno.encoders.bruno_arguments import BrunoArguments
+from sb3_bruno.encoders.product_arguments import ProductArguments
 from sb3_bruno.encoders.recurrent import RecurrentArguments
 
 
@@ -53,6 +54,23 @@ class BrunoSAC(TaskSAC[BrunoArguments]):
         >>> model = BrunoSAC("MlpPolicy", "sb3_bruno_envs:PointDir-v0", seed=0)
         >>> model.learn(total_timesteps=2_000)
     """
+
+
+class PearlSAC(TaskSAC[ProductArguments]):
+    """PEARL: Soft Actor-Critic with a product of Gaussians as its belief, which learns from the critics.
+
+    ``encoder_kwargs`` are those of ``ProductOfGaussians``. PEARL's own protocol, in trials of several episodes:
+    ``encoder_kwargs={"belief": "sample", "exploration_episodes": 1}``.
+
+    Reference: Rakelly et al., Efficient Off-Policy Meta-Reinforcement Learning via Probabilistic Context Variables
+    (2019).
+
+    Example:
+        >>> model = PearlSAC("MlpPolicy", "sb3_bruno_envs:PointDir-v0", seed=0)
+        >>> model.learn(total_timesteps=2_000)
+    """
+
+    default_encoder: ClassVar[str | type[TaskEncoder]] = "product_of_gaussians"
 
 
 class RecurrentSAC(TaskSAC[RecurrentArguments]):

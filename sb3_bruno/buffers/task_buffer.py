@@ -196,20 +196,21 @@ class TaskReplayBuffer(TaskRing):
         slots, sequences = rows.slots, self._sequences(rows, drawn, env)
         transitions, tasks, weights = sequences
         gradient = None
+        noise = encoder.redraw(encoder.empty((n_sequences, 1)))
         if encoder.learns_from == "own":
             # Inference mode is faster than no_grad. What is joined below is ordinary again, as gradients need it.
             with th.inference_mode():
-                beliefs = encoder.belief(encoder.prefixes(transitions, weights))
+                beliefs = encoder.prefix_beliefs(transitions, weights, noise)
         else:
             # Out of training mode cuDNN keeps nothing for the backward pass of a recurrent network.
             with th.enable_grad(), training_mode(encoder):
-                beliefs = encoder.belief(encoder.prefixes(transitions, weights))
+                beliefs = encoder.prefix_beliefs(transitions, weights, noise)
             gradient = BeliefGradient(sequences, beliefs[:, :-1], self._layout.belief)
             beliefs = beliefs.detach()
         later = beliefs
         if self._target_encoder is not None:
             with th.inference_mode():
-                later = self._target_encoder.belief(self._target_encoder.prefixes(transitions, weights))
+                later = self._target_encoder.prefix_beliefs(transitions, weights, noise)
         arrivals, now, later = transitions.next_observations, later[:, :-1], later[:, 1:]
         inner_ends = self.flat(self.inner_ends)[slots]
         if inner_ends.any():  # the next inner episode begins, and nothing was absorbed: values flow on from there

@@ -11,13 +11,18 @@ from sb3_bruno.encoders.abilities import (
 )
 from sb3_bruno.encoders.base import Loss, TaskEncoder, TaskSequences, Transitions
 from sb3_bruno.encoders.bruno import BrunoEncoder
+from sb3_bruno.encoders.causal_transformer import CausalTransformer
 from sb3_bruno.encoders.checker import check_encoder
+from sb3_bruno.encoders.product_of_gaussians import ProductOfGaussians
+from sb3_bruno.encoders.random_features import RandomFeatures
 from sb3_bruno.encoders.recurrent import RecurrentEncoder
 from sb3_bruno.encoders.registry import ENCODERS, find_encoder
+from sb3_bruno.encoders.split_aggregator import SplitAggregator
 
 __all__ = [
     "ENCODERS",
     "BrunoEncoder",
+    "CausalTransformer",
     "HasPosterior",
     "InfersTask",
     "Loss",
@@ -26,7 +31,10 @@ __all__ = [
     "Outcomes",
     "Predicts",
     "PredictsMoments",
+    "ProductOfGaussians",
+    "RandomFeatures",
     "RecurrentEncoder",
+    "SplitAggregator",
     "TaskEncoder",
     "TaskSequences",
     "Transitions",

@@ -137,6 +137,29 @@ class TaskEncoder(nn.Module, ABC, Generic[Memory]):
         """Begin another episode of the same task. The memory stays as it is, unless an encoder says otherwise."""
         return memory
 
+    def redraw(self, memory: Memory) -> Memory:
+        """Draw the noise in a memory anew. An encoder that samples says how; others keep none.
+
+        The replay buffer learns from beliefs with noise, drawn once for each sequence.
+        """
+        return memory
+
+    def with_noise_of(self, memory: Memory, other: Memory) -> Memory:
+        """Give a memory what another keeps beside its transitions: its noise, and what was drawn in its episode.
+
+        Args:
+            memory: batch shape (...).
+            other: a batch shape that can be expanded to that.
+        """
+        return memory
+
+    def prefix_beliefs(self, transitions: Transitions, weights: Tensor | None, noise: Memory) -> Tensor:
+        """Read the beliefs of ``prefixes``, with the noise in a memory of batch shape (..., 1) or (..., time + 1).
+
+        Override it where that is cheaper than to make the memories. -> (..., time + 1, belief_dim)
+        """
+        return self.belief(self.with_noise_of(self.prefixes(transitions, weights), noise))
+
     def loss(self, sequences: TaskSequences) -> Loss | None:
         """Score sequences that each come from one task. None: there is nothing to learn from them alone."""
         return None

@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from sb3_bruno.encoders.base import Order, TaskEncoder, Teacher, Transitions
+from sb3_bruno.encoders.counted import counted_first, flat, prefixes_of_counted
 
 Cell = Literal["gru", "lstm"]
 _CELLS: dict[str, type[nn.GRU | nn.LSTM]] = {"gru": nn.GRU, "lstm": nn.LSTM}
@@ -103,25 +104,16 @@ class RecurrentEncoder(TaskEncoder[RecurrentMemory]):
         return RecurrentMemory(hidden.reshape(x.shape), memory.cell)
 
     def prefixes(self, transitions: Transitions, weights: Tensor | None = None) -> RecurrentMemory:
-        """Run the network once over what counts, then look up each prefix by how many transitions counted before it.
-
-        Example: of weights 1 0 1, the network reads transitions 0 and 2 (and then 1, which nobody looks up). Before
-        step 0, 1, 2, 3 there counted 0, 1, 1, 2: the prefixes are h_0, h_1, h_1, h_2.
-        """
+        """Run the network once over what counts, then look up each prefix by how many transitions counted before it."""
         features = self.features(th.cat(transitions, dim=-1))
-        *batch_shape, time, dim = features.shape
-        x = features.reshape(-1, time, dim)
-        if weights is not None:
-            counted = weights.expand(*batch_shape, time).reshape(-1, time)
-            order = counted.argsort(dim=1, descending=True, stable=True)
-            x = x.gather(1, order.unsqueeze(-1).expand_as(x))
+        *batch_shape, time, _ = features.shape
+        x, counted = flat(features, weights)
+        if counted is not None:
+            x = counted_first(x, counted)
         hidden = F.pad(self.rnn(x)[0], (0, 0, 1, 0))
         memory = RecurrentMemory(hidden, self._cells(x, hidden) if self._is_lstm else hidden[..., :0])
-        if weights is not None:
-            n_before = F.pad(counted.long().cumsum(dim=1), (1, 0)).unsqueeze(-1)
-            memory = RecurrentMemory(
-                *(states.gather(1, n_before.expand(*n_before.shape[:2], states.shape[-1])) for states in memory)
-            )
+        if counted is not None:
+            memory = RecurrentMemory(*(prefixes_of_counted(states, counted) for states in memory))
         return RecurrentMemory(*(states.reshape(*batch_shape, time + 1, states.shape[-1]) for states in memory))
 
     def belief(self, memory: RecurrentMemory) -> Tensor:

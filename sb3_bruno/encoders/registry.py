@@ -4,9 +4,20 @@ from __future__ import annotations
 
 from sb3_bruno.encoders.base import TaskEncoder
 from sb3_bruno.encoders.bruno import BrunoEncoder
+from sb3_bruno.encoders.causal_transformer import CausalTransformer
+from sb3_bruno.encoders.product_of_gaussians import ProductOfGaussians
+from sb3_bruno.encoders.random_features import RandomFeatures
 from sb3_bruno.encoders.recurrent import RecurrentEncoder
+from sb3_bruno.encoders.split_aggregator import SplitAggregator
 
-ENCODERS: dict[str, type[TaskEncoder]] = {"bruno": BrunoEncoder, "recurrent": RecurrentEncoder}
+ENCODERS: dict[str, type[TaskEncoder]] = {
+    "bruno": BrunoEncoder,
+    "causal_transformer": CausalTransformer,
+    "product_of_gaussians": ProductOfGaussians,
+    "random_features": RandomFeatures,
+    "recurrent": RecurrentEncoder,
+    "split_aggregator": SplitAggregator,
+}
 """What ``encoder_class`` may name. An encoder of your own can be added."""
 
 

@@ -22,6 +22,7 @@ ALGORITHMS: dict[str, type[TaskInference]] = {
     "bruno_tqc": sb3_bruno.BrunoTQC,
     "bruno_crossq": sb3_bruno.BrunoCrossQ,
     "bruno_td3": sb3_bruno.BrunoTD3,
+    "pearl_sac": sb3_bruno.PearlSAC,
     "recurrent_sac": sb3_bruno.RecurrentSAC,
     "recurrent_tqc": sb3_bruno.RecurrentTQC,
     "recurrent_crossq": sb3_bruno.RecurrentCrossQ,

@@ -13,6 +13,7 @@ from sb3_bruno import (
     BrunoSAC,
     BrunoTD3,
     BrunoTQC,
+    PearlSAC,
     RecurrentCrossQ,
     RecurrentSAC,
     RecurrentTD3,
@@ -26,7 +27,7 @@ from sb3_bruno.buffers.task_buffer import BufferArguments
 
 POINT = "sb3_bruno_envs:PointDir-v0"
 BASES = {
-    SAC: (SACArguments, [BrunoSAC, RecurrentSAC]),
+    SAC: (SACArguments, [BrunoSAC, PearlSAC, RecurrentSAC]),
     TQC: (TQCArguments, [BrunoTQC, RecurrentTQC]),
     CrossQ: (CrossQArguments, [BrunoCrossQ, RecurrentCrossQ]),
     TD3: (TD3Arguments, [BrunoTD3, RecurrentTD3]),

@@ -9,6 +9,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from sb3_bruno import BrunoEncoder, RecurrentEncoder, Transitions
+from sb3_bruno.encoders import ProductOfGaussians
 from sb3_bruno.encoders.base import training_mode
 from support.tiny_models import assert_same, make_pendulum, rollout
 
@@ -43,7 +44,19 @@ class DropoutRecurrentEncoder(RecurrentEncoder):
         self.features.append(th.nn.Dropout())
 
 
-THAT_DROP_OUT = {"bruno": DropoutEncoder, "recurrent": DropoutRecurrentEncoder}
+class DropoutProduct(ProductOfGaussians):
+    """Forgets half of the factors that it reads, in training."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.network.append(th.nn.Dropout())
+
+
+THAT_DROP_OUT = {
+    "bruno": DropoutEncoder,
+    "recurrent": DropoutRecurrentEncoder,
+    "product_of_gaussians": DropoutProduct,
+}
 
 
 @pytest.mark.parametrize("drops_out", [False, True])

@@ -15,7 +15,7 @@ import zuko
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from sb3_bruno import BrunoCrossQ, BrunoSAC, BrunoTD3, BrunoTQC, RecurrentCrossQ, RecurrentSAC
+from sb3_bruno import BrunoCrossQ, BrunoSAC, BrunoTD3, BrunoTQC, PearlSAC, RecurrentCrossQ, RecurrentSAC
 from sb3_bruno.encoders import find_encoder
 from sb3_bruno.encoders.base import map_memory
 from sb3_bruno.maths.kernel_statistics import KernelStatistics
@@ -23,7 +23,7 @@ from sb3_bruno_envs import MetaTask, TransitionObservation
 
 BRUNO = [BrunoSAC, BrunoTQC, BrunoCrossQ, BrunoTD3]
 RECURRENT = [RecurrentSAC, RecurrentCrossQ]
-ALGORITHMS = [*BRUNO, *RECURRENT]
+ALGORITHMS = [*BRUNO, *RECURRENT, PearlSAC]
 POINT = "sb3_bruno_envs:PointDir-v0"  # episodes of 30 steps
 TRIAL = "sb3_bruno_envs:SparsePointGoal-v0"  # trials of three episodes of 20 steps
 TINY_BRUNO = {
@@ -44,6 +44,7 @@ TINY = {
 TINY_ENCODER = {
     "bruno": {"encoder_kwargs": TINY_BRUNO, "encoder_batch_size": 4},
     "recurrent": {"encoder_kwargs": {"hidden_size": 8}},
+    "product_of_gaussians": {"encoder_kwargs": {"net_arch": (16,)}},
 }
 LSTM = {"encoder_kwargs": {"cell": "lstm"}}
 OF_ITS_OWN_LOSS = {"encoder_batch_size", "encoder_update_ratio", "encoder_learning_starts"}

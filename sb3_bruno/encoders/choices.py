@@ -1,0 +1,42 @@
+"""Refuses arguments of encoders that are none of their choices, or too small."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, get_args
+
+
+def check_choice(name: str, value: object, choices: Any) -> None:
+    """Refuse what cannot be chosen.
+
+    Args:
+        name: of the argument.
+        value: what it was given.
+        choices: a ``Literal`` of the values that there are.
+
+    Raises:
+        ValueError: naming the argument, its value and what there is.
+    """
+    known = get_args(choices)
+    if value not in known:
+        raise ValueError(f"`{name}` must be one of {', '.join(map(repr, known))}, got {value!r}.")
+
+
+def check_least(name: str, value: float, least: float) -> None:
+    """Refuse a number that is too small, or not finite.
+
+    Raises:
+        ValueError: naming the argument, its value and the least that it may be.
+    """
+    if not least <= value < math.inf:
+        raise ValueError(f"`{name}` must be finite and at least {least}, got {value!r}.")
+
+
+def check_layers(name: str, sizes: Any) -> None:
+    """Refuse all but the sizes of layers, each a positive integer.
+
+    Raises:
+        ValueError: naming the argument and its value.
+    """
+    if isinstance(sizes, int | str) or not all(isinstance(size, int) and size >= 1 for size in sizes):
+        raise ValueError(f"`{name}` must hold the size of each layer, such as (128, 128), got {sizes!r}.")
