@@ -89,7 +89,8 @@ class CausalTransformer(TaskEncoder[TransformerMemory]):
             raise ValueError(f"`n_heads={n_heads}` does not divide `hidden_size={hidden_size}`: give one that does.")
         self.belief_dim = hidden_size
         self.embedding = nn.Linear(2 * observation_dim + action_dim + 1, hidden_size)
-        self.layers = nn.ModuleList(WindowedLayer(hidden_size, n_heads, window) for _ in range(n_layers))
+        # Any: a ModuleList does not tell type checkers what it holds.
+        self.layers: Any = nn.ModuleList(WindowedLayer(hidden_size, n_heads, window) for _ in range(n_layers))
         self.norm = nn.LayerNorm(hidden_size)
         self._window = window
 

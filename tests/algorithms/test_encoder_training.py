@@ -8,7 +8,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.save_util import load_from_zip_file
 from torch.utils._pytree import tree_leaves
 
-from sb3_bruno import BrunoSAC, RecurrentCrossQ, RecurrentSAC, RecurrentTD3, RecurrentTQC
+from sb3_bruno import BrunoSAC, RecurrentCrossQ, RecurrentSAC, RecurrentTD3, RecurrentTQC, TaskSAC
 from sb3_bruno.buffers.critic_gradient import BeliefGradient
 from sb3_bruno.encoders import Loss, RecurrentEncoder
 from sb3_bruno.encoders.base import map_memory
@@ -42,6 +42,28 @@ def test_the_gradient_is_that_of_sb3s_loss_differentiated_end_to_end(monkeypatch
     own = {"policy_delay": 1} if algorithm in (RecurrentCrossQ, RecurrentTD3) else {}
     critic_input = "both" if teacher == "critic" else "belief"
     options = {"encoder_kwargs": {"hidden_size": 8, "learns_from": teacher}, "critic_input": critic_input, **own}
+    check_gradient(monkeypatch, algorithm, options)
+
+
+TAUGHT = {
+    "product": ("product_of_gaussians", {"net_arch": (8,), "kl_weight": 0.0}),
+    "sample": ("product_of_gaussians", {"net_arch": (8,), "kl_weight": 0.0, "belief": "sample"}),
+    "no bottleneck": ("product_of_gaussians", {"net_arch": (8,), "information_bottleneck": False}),
+    "split": ("split_aggregator", {"hidden_size": 8, "output_dim": 4}),
+    "split mean": ("split_aggregator", {"hidden_size": 8, "output_dim": 4, "reduce": "mean"}),
+    "features' maximum": ("split_aggregator", {"hidden_size": 8, "output_dim": 4, "rnn": False}),
+    "transformer": ("causal_transformer", {"hidden_size": 8, "n_heads": 2, "window": 8}),
+}
+"""Encoders that the critics teach, with nothing that their own loss adds."""
+
+
+@pytest.mark.parametrize("case", TAUGHT)
+def test_the_gradient_is_that_end_to_end_for_every_encoder_that_the_critics_teach(monkeypatch, case):
+    name, encoder_kwargs = TAUGHT[case]
+    check_gradient(monkeypatch, TaskSAC, {"encoder_class": name, "encoder_kwargs": encoder_kwargs})
+
+
+def check_gradient(monkeypatch, algorithm, options):
     ours, theirs = (make_model(algorithm, **options) for _ in range(2))
 
     # Ours: what the hooks collect, before clipping and the optimiser's step.

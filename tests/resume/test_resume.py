@@ -15,14 +15,16 @@ from stable_baselines3.common.vec_env import (
     VecNormalize,
 )
 
-from sb3_bruno import BrunoSAC, RecurrentCrossQ, RecurrentSAC
+from sb3_bruno import BrunoSAC, PearlSAC, RecurrentCrossQ, RecurrentSAC, TaskSAC
 from sb3_bruno.resume.checkpoint import ResumeCallback, resume
 from support.resumed_runs import COMMON, SETTINGS, Die, fingerprint, point, scramble_random_states, tensors_of
 
 STEPS = 240
 GRU = {"hidden_size": 8}
 LSTM = {"hidden_size": 8, "cell": "lstm"}
-RECURRENT = {**COMMON, "encoder_kwargs": GRU, "replay_buffer_kwargs": {"n_sequences": 4}}
+PROTOCOL = {"net_arch": (8,), "belief": "sample", "exploration_episodes": 2}
+TRANSFORMER = {"hidden_size": 8, "n_heads": 2, "window": 4}
+TAUGHT = {**COMMON, "encoder_kwargs": GRU, "replay_buffer_kwargs": {"n_sequences": 4}}
 
 
 def trials():
@@ -47,7 +49,7 @@ def test_a_resumed_run_equals_the_uninterrupted_one(tmp_path, make_env, died_at)
     check_resumed_run(tmp_path / "checkpoint.pkl", BrunoSAC, make_env, SETTINGS, died_at)
 
 
-RECURRENT_RUNS = {
+TAUGHT_RUNS = {
     "gru": (RecurrentSAC, point, {}),
     "one env": (RecurrentSAC, lambda: point(1), {}),
     "lstm in trials": (RecurrentSAC, trials, {"encoder_kwargs": LSTM}),
@@ -55,13 +57,17 @@ RECURRENT_RUNS = {
     "by the actor, in trials": (RecurrentSAC, trials, {"encoder_kwargs": {**GRU, "learns_from": "actor"}}),
     "CrossQ": (RecurrentCrossQ, point, {"encoder_tau": 0.1}),
     "buffer shorter than an episode": (RecurrentSAC, point, {"buffer_size": 60, "train_freq": 2}),
+    "PEARL": (PearlSAC, point, {"encoder_kwargs": {"net_arch": (8,), "belief": "sample"}, "encoder_tau": 0.1}),
+    "PEARL's protocol, in trials": (PearlSAC, trials, {"encoder_kwargs": PROTOCOL}),
+    "split": (TaskSAC, point, {"encoder_class": "split_aggregator"}),
+    "transformer": (TaskSAC, trials, {"encoder_class": "causal_transformer", "encoder_kwargs": TRANSFORMER}),
 }
 
 
-@pytest.mark.parametrize("run", RECURRENT_RUNS)
-def test_a_resumed_recurrent_run_equals_the_uninterrupted_one(tmp_path, run):
-    algorithm, make_env, settings = RECURRENT_RUNS[run]
-    check_resumed_run(tmp_path / "checkpoint.pkl", algorithm, make_env, {**RECURRENT, **settings}, died_at=170)
+@pytest.mark.parametrize("run", TAUGHT_RUNS)
+def test_a_resumed_run_whose_encoder_is_taught_equals_the_uninterrupted_one(tmp_path, run):
+    algorithm, make_env, settings = TAUGHT_RUNS[run]
+    check_resumed_run(tmp_path / "checkpoint.pkl", algorithm, make_env, {**TAUGHT, **settings}, died_at=170)
 
 
 def check_resumed_run(path, algorithm, make_env, settings, died_at):
