@@ -30,8 +30,8 @@ class ProductMemory(NamedTuple):
     """What a product of Gaussians keeps. Of what ``belief`` has no use for, the last dimension is 0.
 
     Attributes:
-        precision: P, shape (..., latent_dim).
-        shift: S, shape (..., latent_dim).
+        precision: the sum of 1 / v_i, shape (..., latent_dim).
+        shift: the sum of m_i / v_i, shape (..., latent_dim).
         noise: standard normal, of which z is made: shape (..., latent_dim).
         held: z of the running episode, where it is held: shape (..., latent_dim).
         episodes: how many episodes began, where z is held: shape (..., 1).

@@ -36,7 +36,8 @@ def evaluate_adaptation(
         make_env: makes one environment with a time limit; called up to ``max_envs`` times.
         tasks: the tasks to give at reset, ``(n_tasks, task_dim)``.
         n_episodes: episodes of each task.
-        deterministic: whether the model acts without noise. If it does not, torch's seed decides the numbers too.
+        deterministic: whether the model acts without noise. If it does not, or if its encoder samples, torch's seed
+            decides the numbers too.
         seed: gives every episode its own reset seed, the same for any ``max_envs``.
         vec_normalize: the VecNormalize of training. Its statistics normalise the observations and stay as they are.
         max_envs: the most environments to step side by side.
