@@ -134,7 +134,7 @@ class TaskEncoder(nn.Module, ABC, Generic[Memory]):
         return None
 
     def start_episode(self, memory: Memory) -> Memory:
-        """Begin an episode of a task, its first or another. The memory stays as it is, unless an encoder redraws noise."""
+        """Begin an episode of a task, its first or another. The memory stays as it is, unless an encoder samples."""
         return memory
 
     def redraw(self, memory: Memory) -> Memory:
