@@ -89,27 +89,24 @@ class SplitAggregator(TaskEncoder[SplitMemory]):
         self._n_passing = hidden_size // 2 if rnn else 0
         self._n_reduced = hidden_size - self._n_passing
         self._reduce = reduce
-        # A recurrent encoder's first layer and network, or a layer like it.
-        self.reader = RecurrentEncoder(observation_dim, action_dim, hidden_size=hidden_size)
-        self.features: nn.Module | None = None if rnn else self.reader.features
-        if self.features is not None:
-            del self.reader
+        reader = RecurrentEncoder(observation_dim, action_dim, hidden_size=hidden_size)
+        self.reader: RecurrentEncoder | nn.Sequential = reader if rnn else reader.features
         self.head = nn.Linear(hidden_size, output_dim)
 
     def empty(self, batch_shape: tuple[int, ...] = ()) -> SplitMemory:
         zeros = self.head.weight.new_zeros(*batch_shape, self.head.in_features)
         return SplitMemory(
-            zeros if self.features is None else zeros[..., :0],
+            zeros if isinstance(self.reader, RecurrentEncoder) else zeros[..., :0],
             zeros[..., : self._n_reduced],
             zeros[..., : int(self._reduce == "mean")],
         )
 
     def absorb(self, memory: SplitMemory, transitions: Transitions) -> SplitMemory:
-        hidden, output = memory.hidden, transitions.rewards
-        if self.features is None:
+        hidden = memory.hidden
+        if isinstance(self.reader, RecurrentEncoder):
             hidden = output = self.reader.absorb(RecurrentMemory(hidden, hidden[..., :0]), transitions).hidden
         else:
-            output = self.features(th.cat(transitions, dim=-1))
+            output = self.reader(th.cat(transitions, dim=-1))
         output = output[..., self._n_passing :]
         if self._reduce == "max":
             return SplitMemory(hidden, th.maximum(memory.reduced, output), memory.n)
@@ -119,11 +116,11 @@ class SplitAggregator(TaskEncoder[SplitMemory]):
         if weights is None:
             weights = th.ones_like(transitions.rewards[..., 0])
         counted = weights.unsqueeze(-1)
-        if self.features is None:
+        if isinstance(self.reader, RecurrentEncoder):
             hidden = self.reader.prefixes(transitions, weights).hidden
             output = hidden[..., 1:, :]
         else:
-            output = self.features(th.cat(transitions, dim=-1))
+            output = self.reader(th.cat(transitions, dim=-1))
             hidden = F.pad(output[..., :0], (0, 0, 1, 0))
         output = th.where(counted > 0, output[..., self._n_passing :], 0.0)
         if self._reduce == "max":  # not below 0, where it starts

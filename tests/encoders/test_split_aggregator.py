@@ -30,7 +30,7 @@ def test_one_half_passes_and_the_other_is_reduced(reduce):
 @pytest.mark.parametrize("reduce", ["max", "mean"])
 def test_without_a_network_the_features_are_reduced_in_any_order(reduce):
     encoder, transitions = make(reduce=reduce, rnn=False), transitions_of(4, 6)
-    features = encoder.features(th.cat(transitions, dim=-1))
+    features = encoder.reader(th.cat(transitions, dim=-1))
     reduced = features.amax(dim=1) if reduce == "max" else features.mean(dim=1)
     th.testing.assert_close(encoder.belief(encoder.prefixes(transitions))[:, -1], encoder.head(reduced))
     assert (encoder.order, make().order) == ("any", "time")
