@@ -41,10 +41,11 @@ def test_belief_choices_writes_a_row_for_every_choice(tmp_path):
 
 
 def test_belief_quality_compares_encoders_and_keeps_its_runs(tmp_path):
-    short = ["--families", "PointDir-v0", "--encoders", "bruno", "--seeds", "1", "2", "--updates", "20"]
-    command = [*short, "--episodes", "40", "--out", str(tmp_path)]
+    short = ["--families", "PointDir-v0", "--encoders", "bruno", "random_features", "--seeds", "1", "2"]
+    command = [*short, "--updates", "20", "--episodes", "40", "--out", str(tmp_path)]
     run("belief_quality.py", *command)
-    (by_seed,) = json.loads((tmp_path / "belief_quality.json").read_text())["runs"].values()
+    by_seed, untrained = json.loads((tmp_path / "belief_quality.json").read_text())["runs"].values()
+    assert all(row["ms per update"] == 0 for row in untrained.values())
     for row in by_seed.values():
         assert abs(row["after 0"]) < 0.05 < row["after 100"] <= 1
         assert row["after 100, shuffled"] == pytest.approx(row["after 100"], abs=0.01)  # whatever their order
