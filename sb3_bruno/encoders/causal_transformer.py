@@ -112,9 +112,8 @@ class CausalTransformer(TaskEncoder[TransformerMemory]):
     def prefixes(self, transitions: Transitions, weights: Tensor | None = None) -> TransformerMemory:
         """Run all layers once over what counts, then look up each prefix. Its windows are views, if all count."""
         batch_shape, counted, output, keys_and_values = self._run(transitions, weights)
-        windows = (
-            F.pad(keys_and_values, (0, 0, self._window, 0)).unfold(1, self._window, 1).transpose(-1, -2).flatten(2)
-        )
+        padded = F.pad(keys_and_values, (0, 0, self._window, 0))
+        windows = padded.unfold(1, self._window, 1).transpose(-1, -2).flatten(2)
         count = th.arange(output.shape[1], device=output.device).clamp(max=self._window).to(output)
         memory = TransformerMemory(output, windows, count.reshape(1, -1, 1).expand(len(output), -1, 1))
         if counted is not None:
@@ -136,12 +135,15 @@ class CausalTransformer(TaskEncoder[TransformerMemory]):
         """Run all layers over what counts.
 
         Returns:
-            The batch shape, the weights (batch, time), the outputs before and after each transition (batch, time + 1,
-            hidden_size), and the keys and values of each layer (batch, time, 2 * n_layers * hidden_size).
+            The batch shape, the weights (batch, time) unless all count, the outputs before and after each transition
+            (batch, time + 1, hidden_size), and the keys and values of each layer (batch, time, 2 * n_layers *
+            hidden_size).
         """
         x = self.embedding(th.cat(transitions, dim=-1))
         batch_shape = tuple(x.shape[:-2])
         x, counted = flat(x, weights)
+        if counted is not None and counted.all():  # there is nothing to look up, nor any windows to copy
+            counted = None
         if counted is not None:
             x = counted_first(x, counted)
         seen = []

@@ -66,9 +66,10 @@ def test_positions_are_relative():
     th.testing.assert_close(found, expected)
 
 
-def test_windows_of_prefixes_take_no_memory_where_all_counts():
+@pytest.mark.parametrize("weights", [None, th.ones(2, 50).double()])
+def test_windows_of_prefixes_take_no_memory_where_all_counts(weights):
     encoder, transitions = make(window=64), transitions_of(2, 50)
-    windows = encoder.prefixes(transitions).window
+    windows = encoder.prefixes(transitions, weights).window
     assert windows.untyped_storage().nbytes() < windows.numel() * windows.element_size() / 20
 
 
