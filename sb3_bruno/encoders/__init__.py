@@ -13,11 +13,14 @@ from sb3_bruno.encoders.base import Loss, TaskEncoder, TaskSequences, Transition
 from sb3_bruno.encoders.bruno import BrunoEncoder
 from sb3_bruno.encoders.causal_transformer import CausalTransformer
 from sb3_bruno.encoders.checker import check_encoder
+from sb3_bruno.encoders.mean_embedding import MeanEmbedding
 from sb3_bruno.encoders.product_of_gaussians import ProductOfGaussians
 from sb3_bruno.encoders.random_features import RandomFeatures
 from sb3_bruno.encoders.recurrent import RecurrentEncoder
+from sb3_bruno.encoders.recurrent_vae import RecurrentVae
 from sb3_bruno.encoders.registry import ENCODERS, find_encoder
 from sb3_bruno.encoders.split_aggregator import SplitAggregator
+from sb3_bruno.encoders.supervised_belief import SupervisedBelief
 
 __all__ = [
     "ENCODERS",
@@ -26,6 +29,7 @@ __all__ = [
     "HasPosterior",
     "InfersTask",
     "Loss",
+    "MeanEmbedding",
     "MeasuresDistance",
     "Moments",
     "Outcomes",
@@ -34,7 +38,9 @@ __all__ = [
     "ProductOfGaussians",
     "RandomFeatures",
     "RecurrentEncoder",
+    "RecurrentVae",
     "SplitAggregator",
+    "SupervisedBelief",
     "TaskEncoder",
     "TaskSequences",
     "Transitions",

@@ -20,6 +20,7 @@ from zuko.lazy import Flow
 from sb3_bruno.encoders.abilities import Moments, Outcomes
 from sb3_bruno.encoders.base import Loss, TaskEncoder, TaskSequences, Transitions, map_memory
 from sb3_bruno.encoders.bruno_arguments import BeliefForm, Objective, ProcessName, check_choices
+from sb3_bruno.encoders.choices import check_layers
 from sb3_bruno.encoders.exchangeable_model import ExchangeableModel
 from sb3_bruno.encoders.kernel_model import KernelModel
 from sb3_bruno.encoders.latents import LatentModel, Seen
@@ -96,8 +97,7 @@ class BrunoEncoder(TaskEncoder[Any]):
             )
         if not isinstance(n_weights, int) or n_weights < 1:
             raise ValueError(f"`n_weights` must be a positive integer, got {n_weights!r}.")
-        if isinstance(net_arch, int | str) or not all(isinstance(size, int) and size >= 1 for size in net_arch):
-            raise ValueError(f"`net_arch` must hold the size of each layer, such as (128, 128), got {net_arch!r}.")
+        check_layers("net_arch", net_arch)
         if isinstance(flow_class, str) and flow_class not in FLOWS:
             raise ValueError(f"`flow_class={flow_class!r}` is unknown: give one of {sorted(FLOWS)} or a zuko flow.")
         if condition_on_next and modelled == "next_observations":

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, TypedDict, get_args
+from typing import Any, Literal, TypedDict
 
 from zuko.lazy import Flow
 
+from sb3_bruno.encoders.choices import check_choice
 from sb3_bruno.encoders.variables import Modelled
 
 ProcessName = Literal["kernel", "kernel_student_t", "gaussian"]
@@ -40,6 +41,4 @@ def check_choices(**chosen: str) -> None:
     """
     choices = {"modelled": Modelled, "process": ProcessName, "objective": Objective, "belief": BeliefForm}
     for name, value in chosen.items():
-        known = get_args(choices[name])
-        if value not in known:
-            raise ValueError(f"`{name}` must be one of {', '.join(map(repr, known))}, got {value!r}.")
+        check_choice(name, value, choices[name])
