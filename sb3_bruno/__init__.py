@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sb3_bruno.algorithms.crossq import BrunoCrossQ, RecurrentCrossQ, TaskCrossQ
-    from sb3_bruno.algorithms.sac import BrunoSAC, PearlSAC, RecurrentSAC, TaskSAC
+    from sb3_bruno.algorithms.sac import BeliefSAC, BrunoSAC, PearlSAC, RecurrentSAC, TaskSAC, VaribadSAC
     from sb3_bruno.algorithms.td3 import BrunoTD3, RecurrentTD3, TaskTD3
     from sb3_bruno.algorithms.tqc import BrunoTQC, RecurrentTQC, TaskTQC
     from sb3_bruno.buffers import TaskReplayBuffer
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "BeliefSAC",
     "BrunoCrossQ",
     "BrunoEncoder",
     "BrunoSAC",
@@ -34,6 +35,7 @@ __all__ = [
     "TaskTD3",
     "TaskTQC",
     "Transitions",
+    "VaribadSAC",
 ]
 
 _ROOMS = ("algorithms", "buffers", "encoders")

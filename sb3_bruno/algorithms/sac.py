@@ -17,6 +17,8 @@ from sb3_bruno.encoders import TaskEncoder
 from sb3_bruno.encoders.bruno_arguments import BrunoArguments
 from sb3_bruno.encoders.product_arguments import ProductArguments
 from sb3_bruno.encoders.recurrent import RecurrentArguments
+from sb3_bruno.encoders.recurrent_vae import VaeArguments
+from sb3_bruno.encoders.supervised_belief import SupervisedArguments
 
 
 class TaskSACPolicy(TaskInferencePolicy, SACPolicy):
@@ -85,3 +87,31 @@ class RecurrentSAC(TaskSAC[RecurrentArguments]):
     """
 
     default_encoder: ClassVar[str | type[TaskEncoder]] = "recurrent"
+
+
+class VaribadSAC(TaskSAC[VaeArguments]):
+    """Soft Actor-Critic with VariBAD's encoder; ``encoder_kwargs`` are those of ``RecurrentVae``.
+
+    Reference: Zintgraf et al., VariBAD: A Very Good Method for Bayes-Adaptive Deep RL via Meta-Learning (2020).
+
+    Example:
+        >>> model = VaribadSAC("MlpPolicy", "sb3_bruno_envs:PointDir-v0", critic_input="belief", seed=0)
+        >>> model.learn(total_timesteps=2_000)
+    """
+
+    default_encoder: ClassVar[str | type[TaskEncoder]] = "recurrent_vae"
+
+
+class BeliefSAC(TaskSAC[SupervisedArguments]):
+    """Soft Actor-Critic with an encoder that is taught the true tasks, those of training.
+
+    ``encoder_kwargs`` are those of ``SupervisedBelief``.
+
+    Reference: Humplik et al., Meta reinforcement learning as task inference (2019).
+
+    Example:
+        >>> model = BeliefSAC("MlpPolicy", "sb3_bruno_envs:PointDir-v0", critic_input="belief", seed=0)
+        >>> model.learn(total_timesteps=2_000)
+    """
+
+    default_encoder: ClassVar[str | type[TaskEncoder]] = "supervised_belief"

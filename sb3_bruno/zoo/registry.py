@@ -27,6 +27,8 @@ ALGORITHMS: dict[str, type[TaskInference]] = {
     "recurrent_tqc": sb3_bruno.RecurrentTQC,
     "recurrent_crossq": sb3_bruno.RecurrentCrossQ,
     "recurrent_td3": sb3_bruno.RecurrentTD3,
+    "varibad_sac": sb3_bruno.VaribadSAC,
+    "belief_sac": sb3_bruno.BeliefSAC,
 }
 
 

@@ -9,6 +9,7 @@ from sb3_contrib import TQC, CrossQ
 from stable_baselines3 import SAC, TD3
 
 from sb3_bruno import (
+    BeliefSAC,
     BrunoCrossQ,
     BrunoSAC,
     BrunoTD3,
@@ -20,6 +21,7 @@ from sb3_bruno import (
     RecurrentTQC,
     TaskReplayBuffer,
     TaskSAC,
+    VaribadSAC,
 )
 from sb3_bruno.algorithms.arguments import CrossQArguments, SACArguments, TD3Arguments, TQCArguments, check_names
 from sb3_bruno.algorithms.task_inference import TaskInference
@@ -27,7 +29,7 @@ from sb3_bruno.buffers.task_buffer import BufferArguments
 
 POINT = "sb3_bruno_envs:PointDir-v0"
 BASES = {
-    SAC: (SACArguments, [BrunoSAC, PearlSAC, RecurrentSAC]),
+    SAC: (SACArguments, [BeliefSAC, BrunoSAC, PearlSAC, RecurrentSAC, VaribadSAC]),
     TQC: (TQCArguments, [BrunoTQC, RecurrentTQC]),
     CrossQ: (CrossQArguments, [BrunoCrossQ, RecurrentCrossQ]),
     TD3: (TD3Arguments, [BrunoTD3, RecurrentTD3]),

@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import (
     VecNormalize,
 )
 
-from sb3_bruno import BrunoSAC, PearlSAC, RecurrentCrossQ, RecurrentSAC, TaskSAC
+from sb3_bruno import BeliefSAC, BrunoSAC, PearlSAC, RecurrentCrossQ, RecurrentSAC, TaskSAC, VaribadSAC
 from sb3_bruno.resume.checkpoint import ResumeCallback, resume
 from support.resumed_runs import COMMON, SETTINGS, Die, fingerprint, point, scramble_random_states, tensors_of
 
@@ -56,6 +56,8 @@ TAUGHT_RUNS = {
     "target, VecNormalize": (RecurrentSAC, normalized, {"encoder_tau": 0.1}),
     "by the actor, in trials": (RecurrentSAC, trials, {"encoder_kwargs": {**GRU, "learns_from": "actor"}}),
     "CrossQ": (RecurrentCrossQ, point, {"encoder_tau": 0.1}),
+    "VariBAD, in trials": (VaribadSAC, trials, {}),
+    "Belief, VecNormalize": (BeliefSAC, normalized, {"encoder_kwargs": {**GRU, "bottleneck": 0.01}}),
     "buffer shorter than an episode": (RecurrentSAC, point, {"buffer_size": 60, "train_freq": 2}),
     "PEARL": (PearlSAC, point, {"encoder_kwargs": {"net_arch": (8,), "belief": "sample"}, "encoder_tau": 0.1}),
     "PEARL's protocol, in trials": (PearlSAC, trials, {"encoder_kwargs": PROTOCOL}),

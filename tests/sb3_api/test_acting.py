@@ -9,7 +9,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from sb3_bruno import BrunoEncoder, RecurrentEncoder, Transitions
-from sb3_bruno.encoders import ProductOfGaussians
+from sb3_bruno.encoders import ProductOfGaussians, RecurrentVae, SupervisedBelief
 from sb3_bruno.encoders.base import training_mode
 from support.tiny_models import assert_same, make_pendulum, rollout
 
@@ -52,10 +52,23 @@ class DropoutProduct(ProductOfGaussians):
         self.network.append(th.nn.Dropout())
 
 
+def dropping_out(encoder_class):
+    """A subclass that forgets half of what its network reads, in training."""
+
+    class Dropout(encoder_class):
+        def __init__(self, *args, **kwargs):
+            super().__init__(*args, **kwargs)
+            self.reader.features.append(th.nn.Dropout())
+
+    return Dropout
+
+
 THAT_DROP_OUT = {
     "bruno": DropoutEncoder,
     "recurrent": DropoutRecurrentEncoder,
     "product_of_gaussians": DropoutProduct,
+    "recurrent_vae": dropping_out(RecurrentVae),
+    "supervised_belief": dropping_out(SupervisedBelief),
 }
 
 

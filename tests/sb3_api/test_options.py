@@ -16,7 +16,17 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNorm
 from sb3_bruno.diagnostics.diagnose import diagnose
 from sb3_bruno.encoders import BrunoEncoder, Transitions
 from sb3_bruno_envs import MetaTask, TransitionObservation
-from support.tiny_models import BRUNO, LSTM, POINT, assert_same, for_each, for_each_that_takes, n_absorbed
+from support.tiny_models import (
+    ALGORITHMS,
+    BRUNO,
+    LSTM,
+    POINT,
+    RECURRENT,
+    assert_same,
+    for_each,
+    for_each_that_takes,
+    n_absorbed,
+)
 
 NOISE = {"mean": np.zeros(2), "sigma": 0.1 * np.ones(2)}
 OPTIONS = [
@@ -52,7 +62,7 @@ OPTIONS = [
     {"encoder_kwargs": {"modelled": "next_observations"}},
     {"encoder_kwargs": {"process": "kernel_student_t", "n_weights": 3, "net_arch": (16,)}},
     {"encoder_kwargs": {"process": "gaussian", "flow_class": "paper_maf", "flow_kwargs": None, "extra_dims": 1}},
-    {"encoder_kwargs": {"belief": "mean"}},
+    {"encoder_kwargs": {"process": "kernel", "belief": "mean"}},
     LSTM,
     {"encoder_kwargs": {"learns_from": "actor"}},
     {"encoder_kwargs": {"learns_from": "actor"}, "critic_input": "both", "encoder_tau": 0.1},
@@ -60,11 +70,28 @@ OPTIONS = [
     {"learning_starts": 0},
     {"learning_rate": 1e-3, "encoder_learning_rate": LinearSchedule(1e-3, 1e-4, 0.5)},
 ]
+OTHERS = [algorithm for algorithm in ALGORITHMS if algorithm not in (*BRUNO, *RECURRENT)]
+OPTIONS_OF_OTHERS = [
+    {"train_freq": (1, "episode"), "gradient_steps": -1},
+    {"buffer_size": 1, "batch_size": 2},
+    {"learning_starts": 0, "encoder_learning_starts": 0},
+    {"encoder_tau": 0.1, "critic_input": "belief"},
+    {"encoder_kwargs": {"learns_from": "actor"}, "critic_input": "both"},
+    {"encoder_kwargs": {"bottleneck": 1e-2, "head": "mixture", "belief": "moments"}},
+]
 
 
-@for_each_that_takes(*OPTIONS)
+@for_each_that_takes(*OPTIONS, algorithms=[*BRUNO, *RECURRENT])
 def test_every_option_learns(make_model, options):
-    model = make_model(**options)
+    check_learning(make_model(**options), options)
+
+
+@for_each_that_takes(*OPTIONS_OF_OTHERS, algorithms=OTHERS)
+def test_options_of_other_encoders_learn(make_model, options):
+    check_learning(make_model(**options), options)
+
+
+def check_learning(model, options):
     before = deepcopy(model.get_parameters()["policy"])
     model.learn(70)
     after = model.get_parameters()["policy"]

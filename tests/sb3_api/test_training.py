@@ -24,6 +24,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from tensorboard.backend.event_processing import event_accumulator
 
 from support.tiny_models import (
+    LEARNED,
     LSTM,
     POINT,
     assert_carries,
@@ -33,7 +34,6 @@ from support.tiny_models import (
     make_point,
     normalized,
     rollout,
-    takes,
 )
 
 
@@ -133,8 +133,7 @@ def test_tensorboard_shows_encoder_and_belief(algorithm, make_model, tmp_path):
     shown = set(events.Tags()["scalars"])
     assert {"rollout/ep_rew_mean", "train/actor_loss", "train/critic_loss"} <= shown
     assert {"encoder/learning_rate", "belief/mean_abs"} <= shown
-    infers = takes(algorithm, {"encoder_update_ratio": 1})
-    what_it_learns = {"encoder/bound_nats", "belief/var"} if infers else {"encoder/gradient_norm"}
+    what_it_learns = LEARNED[algorithm.default_encoder]
     assert what_it_learns <= shown
     assert all(np.isfinite(event.value) for name in what_it_learns for event in events.Scalars(name))
 

@@ -15,7 +15,17 @@ import zuko
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from sb3_bruno import BrunoCrossQ, BrunoSAC, BrunoTD3, BrunoTQC, PearlSAC, RecurrentCrossQ, RecurrentSAC
+from sb3_bruno import (
+    BeliefSAC,
+    BrunoCrossQ,
+    BrunoSAC,
+    BrunoTD3,
+    BrunoTQC,
+    PearlSAC,
+    RecurrentCrossQ,
+    RecurrentSAC,
+    VaribadSAC,
+)
 from sb3_bruno.encoders import find_encoder
 from sb3_bruno.encoders.base import map_memory
 from sb3_bruno.maths.kernel_statistics import KernelStatistics
@@ -23,7 +33,7 @@ from sb3_bruno_envs import MetaTask, TransitionObservation
 
 BRUNO = [BrunoSAC, BrunoTQC, BrunoCrossQ, BrunoTD3]
 RECURRENT = [RecurrentSAC, RecurrentCrossQ]
-ALGORITHMS = [*BRUNO, *RECURRENT, PearlSAC]
+ALGORITHMS = [*BRUNO, *RECURRENT, PearlSAC, VaribadSAC, BeliefSAC]
 POINT = "sb3_bruno_envs:PointDir-v0"  # episodes of 30 steps
 TRIAL = "sb3_bruno_envs:SparsePointGoal-v0"  # trials of three episodes of 20 steps
 TINY_BRUNO = {
@@ -45,7 +55,16 @@ TINY_ENCODER = {
     "bruno": {"encoder_kwargs": TINY_BRUNO, "encoder_batch_size": 4},
     "recurrent": {"encoder_kwargs": {"hidden_size": 8}},
     "product_of_gaussians": {"encoder_kwargs": {"net_arch": (16,)}},
+    "recurrent_vae": {"encoder_kwargs": {"hidden_size": 8}},
+    "supervised_belief": {"encoder_kwargs": {"hidden_size": 8}},
 }
+LEARNED = {
+    "bruno": {"encoder/bound_nats", "belief/var"},
+    "recurrent": {"encoder/gradient_norm"},
+    "recurrent_vae": {"encoder/kl_nats", "encoder/squared_error", "belief/var"},
+    "supervised_belief": {"encoder/task_nats", "belief/var"},
+}
+"""What is logged of what an encoder learns."""
 LSTM = {"encoder_kwargs": {"cell": "lstm"}}
 OF_ITS_OWN_LOSS = {"encoder_batch_size", "encoder_update_ratio", "encoder_learning_starts"}
 
@@ -76,9 +95,9 @@ def for_each(algorithms):
     return pytest.mark.parametrize("algorithm", algorithms, indirect=True, ids=names, scope="module")
 
 
-def for_each_that_takes(*options):
-    """Run a test for every algorithm with each of the options that it has the arguments for."""
-    pairs = [(algorithm, option) for algorithm in ALGORITHMS for option in options if takes(algorithm, option)]
+def for_each_that_takes(*options, algorithms=ALGORITHMS):
+    """Run a test for some algorithms with each of the options that they have the arguments for."""
+    pairs = [(algorithm, option) for algorithm in algorithms for option in options if takes(algorithm, option)]
     names = [f"{algorithm.__name__}-{name_of(option)}" for algorithm, option in pairs]
     return pytest.mark.parametrize(("algorithm", "options"), pairs, indirect=["algorithm"], ids=names, scope="module")
 

@@ -1,0 +1,129 @@
+"""Agents with encoders other than BRUNO and RL^2: by class, by name in any algorithm, and what they may know."""
+
+from copy import deepcopy
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch as th
+from stable_baselines3.common.env_util import make_vec_env
+
+from sb3_bruno import BeliefSAC, TaskCrossQ, TaskTD3, TaskTQC, Transitions, VaribadSAC
+from sb3_bruno.encoders import RecurrentVae, SupervisedBelief
+from sb3_bruno_envs import MetaTask, TransitionObservation
+from support.tiny_models import POINT, TINY, TRIAL, assert_same, make_pendulum, make_point, rollout, tiny
+
+CLASSES = {VaribadSAC: RecurrentVae, BeliefSAC: SupervisedBelief}
+BY_NAME = {
+    "recurrent_vae": {"hidden_size": 8},
+    "supervised_belief": {"hidden_size": 8, "belief": "moments"},
+    "mean_embedding": {"net_arch": (16,)},
+}
+
+
+@pytest.fixture(scope="module", params=CLASSES, ids=lambda algorithm: algorithm.__name__)
+def model(request):
+    """A tiny model after 80 steps of PointDir."""
+    return request.param("MlpPolicy", make_vec_env(POINT, 2, seed=0), **tiny(request.param)).learn(80)
+
+
+def test_a_class_has_its_encoder_and_reads_whole_episodes(model):
+    assert type(model.encoder) is CLASSES[type(model)]
+    assert model.replay_buffer.context == "episode" and model._n_encoder_updates > 0
+
+
+@pytest.mark.parametrize("algorithm", [TaskTQC, TaskCrossQ, TaskTD3])
+@pytest.mark.parametrize("name", BY_NAME)
+def test_any_algorithm_takes_the_encoder_by_its_name(algorithm, name, tmp_path):
+    env = make_vec_env(TRIAL, 2, seed=0)
+    model = algorithm("MlpPolicy", env, **TINY, encoder_class=name, encoder_kwargs=BY_NAME[name]).learn(70)
+    model.save(tmp_path / "model")
+    loaded = algorithm.load(tmp_path / "model", env=env)
+    for agent in (model, loaded):
+        env.seed(3)
+        agent.found = rollout(agent, env, 5)
+    assert_same(model.found, loaded.found)
+
+
+@pytest.mark.parametrize("learns_from", ["critic", "actor"])
+@pytest.mark.parametrize("name", ["recurrent_vae", "mean_embedding"])
+def test_the_actor_critic_may_teach_the_encoder(name, learns_from):
+    kwargs = {"encoder_class": name, "encoder_kwargs": {**BY_NAME[name], "learns_from": learns_from}}
+    model = TaskTD3("MlpPolicy", POINT, **TINY, **kwargs)
+    before = deepcopy(model.encoder.state_dict())
+    model.learn(70)
+    changed = {
+        key.split(".")[0] for key, value in model.encoder.state_dict().items() if not th.equal(value, before[key])
+    }
+    assert "variables" in changed and len(changed) > 1
+    assert model.policy.critic_input == ("belief" if learns_from == "critic" else "task")
+
+
+def test_the_task_is_not_read_where_the_agent_acts(model):
+    """The extended observation keeps a place for the task, and the buffer knows it. NaN there must change nothing."""
+    steps = rollout(model, model.get_env(), 3)
+    extended, _ = model.policy.extend(steps[0][0])
+    poisoned = extended.clone()
+    poisoned[:, model.policy.layout.task] = th.nan
+    with th.no_grad():
+        assert th.equal(model.actor(extended, deterministic=True), model.actor(poisoned, deterministic=True))
+
+
+def test_the_task_is_not_read_where_beliefs_are_made(model):
+    buffer = deepcopy(model.replay_buffer)
+    buffer.set_encoder(model.encoder, model.policy.layout)
+    np.random.seed(0)  # noqa: NPY002  # what SB3 draws from
+    beliefs = buffer.sample(16).observations[:, model.policy.layout.belief]
+    assert beliefs.isfinite().all()
+    sequences = buffer.sample_sequences(4)
+    assert th.isfinite(model.encoder.loss(sequences).total)
+    told = model.encoder.loss(sequences._replace(tasks=th.full_like(sequences.tasks, th.nan))).total
+    assert th.isfinite(told) == (not isinstance(model.encoder, SupervisedBelief))  # which is privileged, there alone
+
+
+def test_the_posterior_of_a_supervised_belief_is_of_the_task_itself():
+    model = BeliefSAC("MlpPolicy", POINT, **tiny(BeliefSAC)).learn(60)
+    columns = (np.zeros((4, 7, dim)) for dim in (2, 2, 1, 2))
+    belief = model.infer(Transitions(*columns))
+    assert belief.mean.shape == belief.var.shape == (4, model.replay_buffer.tasks.task_dim)
+    probabilities = model.task_probabilities(belief, [[-1.0, 0.0], [1.0, 0.0]])
+    np.testing.assert_allclose(probabilities.sum(axis=-1), 1, rtol=1e-5)
+
+
+class OneHotEnv(gym.Env):
+    """Pays the number of the hidden task, which comes as a one-hot vector."""
+
+    observation_space = gym.spaces.Box(-1.0, 1.0, (1,))
+    action_space = gym.spaces.Box(-1.0, 1.0, (1,))
+    task = np.zeros(3)
+
+    def set_task(self, task):
+        self.task = task
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action):
+        return np.zeros(1, np.float32), float(self.task.argmax()), False, False, {}
+
+
+def one_hot_env():
+    env = gym.wrappers.TimeLimit(OneHotEnv(), 10)
+    return TransitionObservation(MetaTask(env, OneHotEnv.set_task, tasks=np.eye(3)))
+
+
+def test_one_hot_tasks_have_probabilities():
+    kwargs = {"hidden_size": 8, "head": "one_hot"}
+    model = BeliefSAC("MlpPolicy", one_hot_env(), **tiny(BeliefSAC, encoder_kwargs=kwargs))
+    model.learn(80)
+    seen, actions = np.zeros((3, 9, 1)), np.zeros((3, 9, 1))
+    rewards = np.broadcast_to(np.arange(3.0)[:, None, None], (3, 9, 1))
+    belief = model.infer(Transitions(seen, actions, rewards, seen))
+    assert model.task_probabilities(belief, np.eye(3)).shape == (3, 3)
+
+
+@pytest.mark.parametrize(("env", "got"), [(make_pendulum, "tasks of size 1"), (make_point, r"\[-?1.0, ")])
+def test_tasks_that_are_not_one_hot_are_refused(env, got):
+    with pytest.raises(ValueError, match=f"needs tasks that are one-hot vectors, got {got}"):
+        BeliefSAC("MlpPolicy", env(), **tiny(BeliefSAC, encoder_kwargs={"head": "one_hot"})).learn(60)
