@@ -5,8 +5,6 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from speed_sections.models import CONFIG, KERNEL, trained
 from speed_sections.race import Row, Seconds, race, row
 
@@ -27,7 +25,7 @@ def parts(rounds: int) -> tuple[list[Row], Seconds]:
         buffer.sample(batch)
 
     def recall() -> None:
-        model._rounds_since_recall = np.iinfo(np.int64).max // 128  # so that it is due, however long the episodes are
+        model._rounds_since_recall = 1_000  # so that it is due
         model._recall_running_episodes()
 
     whole = f"train({steps})"

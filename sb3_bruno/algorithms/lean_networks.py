@@ -23,7 +23,7 @@ class LeanCritic(nn.Module):
 
     def forward(self, obs: Tensor, actions: Tensor) -> Any:
         with self._constant_if_acted_on(actions):
-            return super().forward(obs, actions)  # type: ignore[misc]  # of the critic it is mixed into
+            return super().forward(obs, actions)  # of the critic it is mixed into
 
     def _constant_if_acted_on(self, actions: Tensor) -> Any:
         return _constant(self) if actions.requires_grad and th.is_grad_enabled() else nullcontext()

@@ -75,7 +75,6 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
     """
 
     policy: TaskInferencePolicy
-    log_ent_coef: th.Tensor | None
     ent_coef_optimizer: th.optim.Adam | None
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {}
     default_encoder: ClassVar[str | type[TaskEncoder]] = "bruno"
@@ -149,9 +148,11 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         if find_encoder(self.policy_kwargs["encoder_class"]).order == "time":
             self.replay_buffer_kwargs = {"context": "episode", **self.replay_buffer_kwargs}
         super()._setup_model()
-        if getattr(self, "ent_coef_optimizer", None) is not None and self.policy.optimizer_kwargs.get("fused"):
+        optimizer = getattr(self, "ent_coef_optimizer", None)
+        if optimizer is not None and self.policy.optimizer_kwargs.get("fused"):
             # As fast as the policy's own; SB3 makes it without the policy's arguments.
-            self.ent_coef_optimizer = th.optim.Adam([self.log_ent_coef], lr=self.lr_schedule(1), fused=True)
+            learned = optimizer.param_groups[0]["params"]
+            self.ent_coef_optimizer = th.optim.Adam(learned, lr=self.lr_schedule(1), fused=True)
         self._setup_encoder_training()
         self.bind_buffer()
         if self._carried is not None:  # loaded, as the arrays that ``save`` made of it

@@ -18,7 +18,7 @@ from sb3_bruno.encoders.bruno_arguments import BrunoArguments
 from sb3_bruno.encoders.recurrent import RecurrentArguments
 
 
-class TaskTQCCritic(LeanCritic, Critic):
+class TaskTQCCritic(LeanCritic, Critic):  # type: ignore[misc]  # there, the actions are named `action`
     """TQC's critics."""
 
 
