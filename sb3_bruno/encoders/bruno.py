@@ -23,7 +23,7 @@ from sb3_bruno.encoders.bruno_arguments import BeliefForm, Objective, ProcessNam
 from sb3_bruno.encoders.choices import check_layers
 from sb3_bruno.encoders.exchangeable_model import ExchangeableModel
 from sb3_bruno.encoders.kernel_model import KernelModel
-from sb3_bruno.encoders.latents import LatentModel, Seen
+from sb3_bruno.encoders.latents import LatentModel, Seen, unrewarded
 from sb3_bruno.encoders.task_map import TaskMap
 from sb3_bruno.encoders.variables import Modelled, Variables
 from sb3_bruno.maths.exchangeable import Distance
@@ -288,7 +288,7 @@ class BrunoEncoder(TaskEncoder[Any]):
         Raises:
             ValueError: if rewards are predicted given ``next_observations``, and these are None and not modelled.
         """
-        return self.model.outcomes(memory, *_unrewarded(observations, actions, next_observations), n_samples)
+        return self.model.outcomes(memory, *unrewarded(observations, actions, next_observations), n_samples)
 
     def moments(self, memory: Any, observations: Tensor, actions: Tensor, next_observations: Tensor | None) -> Moments:
         """Compute mean and standard deviation of what follows an action, without a sample. Shapes (..., dim)
@@ -296,11 +296,4 @@ class BrunoEncoder(TaskEncoder[Any]):
         Raises:
             ValueError: if the process has no kernel.
         """
-        return self.model.moments(memory, *_unrewarded(observations, actions, next_observations))
-
-
-def _unrewarded(observations: Tensor, actions: Tensor, next_observations: Tensor | None) -> tuple[Transitions, bool]:
-    """Join what is known to transitions, whose rewards nobody reads, and say whether next observations are known."""
-    arrives = next_observations is not None
-    there = observations if next_observations is None else next_observations
-    return Transitions(observations, actions, observations.new_zeros(*observations.shape[:-1], 1), there), arrives
+        return self.model.moments(memory, *unrewarded(observations, actions, next_observations))

@@ -82,3 +82,10 @@ def check_arrives(arrives: bool) -> None:
             "`next_observations` is needed: with `condition_on_next=True` rewards are predicted given where the action "
             "led. Pass it, or train with `condition_on_next=False` or `modelled='both'`."
         )
+
+
+def unrewarded(observations: Tensor, actions: Tensor, next_observations: Tensor | None) -> tuple[Transitions, bool]:
+    """Join what is known to transitions, whose rewards nobody reads, and say whether next observations are known."""
+    arrives = next_observations is not None
+    there = observations if next_observations is None else next_observations
+    return Transitions(observations, actions, observations.new_zeros(*observations.shape[:-1], 1), there), arrives
