@@ -61,6 +61,7 @@ TINY_ENCODER = {
 LEARNED = {
     "bruno": {"encoder/bound_nats", "belief/var"},
     "recurrent": {"encoder/gradient_norm"},
+    "product_of_gaussians": {"encoder/gradient_norm", "encoder/kl_nats", "belief/var"},
     "recurrent_vae": {"encoder/kl_nats", "encoder/squared_error", "belief/var"},
     "supervised_belief": {"encoder/task_nats", "belief/var"},
 }
