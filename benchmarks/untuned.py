@@ -17,7 +17,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from functools import partial
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,6 @@ import gymnasium as gym
 import numpy as np
 import torch as th
 from encoder_alone import explained
-from gymnasium.spaces import Box
 from kept_runs import KeptRuns, Row
 from numpy.typing import NDArray
 from stable_baselines3 import SAC
@@ -34,7 +32,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from sb3_bruno import BrunoSAC, Transitions
 from sb3_bruno.evaluation import AdaptationResult
 from sb3_bruno.evaluation.episodes import Episode, pad_episodes, play_episodes
-from sb3_bruno_envs import MetaTask, TaskObservation, TaskSet, TransitionObservation
+from sb3_bruno_envs import MetaTask, TaskObservation, TaskSet, TransitionObservation, hide_goal
 
 N_ENVS, N_EPISODES, N_SEEN = 8, 3, 20
 SETTINGS: dict[str, Any] = {
@@ -73,20 +71,11 @@ def pendulum_gravity(agent: str, split: str) -> gym.Env[Any, Any]:
 
 
 def fetch_reach(agent: str, split: str) -> gym.Env[Any, Any]:
-    """Hide the goal of gymnasium-robotics' FetchReach, with its dense reward, and show the arm alone."""
+    """Hide the goal of gymnasium-robotics' FetchReach, with its dense reward."""
     import gymnasium_robotics
 
     gym.register_envs(gymnasium_robotics)
-    offsets = np.random.RandomState(1337).uniform(-0.15, 0.15, (120, 3))  # m, as FetchReach draws it
-    tasks = TaskSet(offsets[:100], offsets[100:], space=Box(-0.15, 0.15, (3,)))
-
-    def set_goal(fetch: Any, task: NDArray[np.float32]) -> None:
-        fetch.goal = fetch.initial_gripper_xpos[:3] + task  # from where the gripper starts
-
-    fetch = gym.make("FetchReachDense-v4")
-    spaces: Any = fetch.observation_space
-    arm = gym.wrappers.TransformObservation(fetch, itemgetter("observation"), spaces["observation"])
-    return observed(MetaTask(arm, set_goal, tasks, split=split, when="after_reset"), agent)  # the reset draws a goal
+    return observed(hide_goal(gym.make("FetchReachDense-v4"), split=split), agent)
 
 
 FAMILIES: dict[str, Callable[[str, str], gym.Env[Any, Any]]] = {

@@ -26,6 +26,7 @@ from sb3_bruno_envs.mujoco.physics import scale_physics
 from sb3_bruno_envs.mujoco.walker_params import WALKER_PARAMS_TASKS, WalkerParamsEnv
 from sb3_bruno_envs.registration import register_envs, register_family
 from sb3_bruno_envs.tasks import TaskSampler, TaskSet, as_task_distribution
+from sb3_bruno_envs.wrappers.hidden_goal import goal_tasks, hide_goal
 from sb3_bruno_envs.wrappers.meta_task import MetaTask
 from sb3_bruno_envs.wrappers.noisy_task import NoisyTaskObservation
 from sb3_bruno_envs.wrappers.observations import TaskObservation, TransitionObservation
@@ -74,6 +75,8 @@ __all__ = [
     "WindEnv",
     "as_task_distribution",
     "check_meta_env",
+    "goal_tasks",
+    "hide_goal",
     "point_goal_tasks",
     "register_family",
     "scale_physics",

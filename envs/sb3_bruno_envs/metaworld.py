@@ -1,0 +1,205 @@
+"""Makes Meta-World's ML1 and ML10 with a hidden task. It needs the package ``metaworld``, so it is imported by itself.
+
+Importing this module registers ``ML1Reach-v0``, ``ML1Push-v0``, ``ML1PickPlace-v0`` and ``ML10-v0``. Tasks are
+Meta-World's own, applied by its ``set_task``: the ids that Meta-World registers mix up the splits.
+
+McLean et al. 2025, "Meta-World+: An Improved, Standardized, RL Benchmark".
+"""
+
+from __future__ import annotations
+
+import pickle
+from functools import lru_cache
+from typing import Any, ClassVar, NamedTuple, TypeAlias
+
+import gymnasium as gym
+import metaworld
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from sb3_bruno_envs.family import Family, Observe
+from sb3_bruno_envs.tasks import Split, Task, TaskSet
+from sb3_bruno_envs.wrappers.meta_task import Draw
+
+_RAND_VEC_DIM = (
+    6  # of most classes: where object and goal are, in m; the vectors of the others are filled up with zeros
+)
+
+Observation: TypeAlias = NDArray[np.float64]
+
+
+class Benchmark(NamedTuple):
+    """A benchmark of Meta-World.
+
+    Attributes:
+        classes: of all environments, by name, the training classes first.
+        tasks: the task vectors of both splits.
+        originals: Meta-World's task for each vector, by the vector's bytes.
+    """
+
+    classes: dict[str, Any]
+    tasks: TaskSet
+    originals: dict[bytes, Any]
+
+
+def make_meta_world(
+    name: str,
+    *,
+    seed: int = 1,
+    split: Split = "train",
+    tasks: Any = None,
+    draw: Draw = "random",
+    observe: Observe = "transition",
+    task_space: Box | None = None,
+    n_episodes: int | None = None,
+    render_mode: str | None = None,
+) -> gym.Env[Any, Any]:
+    """Make an environment of ML1 or ML10.
+
+    A task of ML1 is Meta-World's ``rand_vec``, ``(6,)`` or ``(3,)``: in most classes the positions of object and goal,
+    in m. A task of ML10 is the training class, one-hot, and ``rand_vec``, ``(10 + 6,)``. The one-hot part of test
+    classes is zeros, since nobody has trained on them. The observation shows the object and hides the goal, so
+    ``check_meta_env`` reports that it holds the entries of the task that place the object.
+
+    An episode has 500 steps. ``info["is_success"]`` becomes True with the first success of an episode and stays so, as
+    Meta-World counts successes. Making the tasks takes seconds, for ML10 half a minute; a process makes them once.
+
+    Args:
+        name: ``"ML10"``, or the class for ML1, such as ``"reach-v3"``.
+        seed: of the tasks. ML1 has 50 for training and 50 for tests, ML10 500 and 250.
+        split: as for every ``Family``, like the next four.
+        tasks: a part of the benchmark's tasks; None for all.
+        draw: ``"random"``, ``"cycle"`` or ``"fixed"``.
+        observe: ``"transition"``, ``"task"`` or ``"plain"``.
+        task_space: the Box that holds every task; None for the benchmark's own.
+        n_episodes: the number of inner episodes, if an episode is a trial.
+        render_mode: ``"human"``, ``"rgb_array"`` or ``"depth_array"``.
+
+    Raises:
+        ValueError: if there is no such class, or an argument is invalid.
+
+    Example:
+        >>> env = make_meta_world("reach-v3", split="test", draw="cycle")
+    """
+    family = Family(MetaWorldEnv, load_benchmark(name, seed).tasks, n_episodes=n_episodes)
+    return family(
+        split=split,
+        tasks=tasks,
+        draw=draw,
+        observe=observe,
+        task_space=task_space,
+        name=name,
+        seed=seed,
+        render_mode=render_mode,
+    )
+
+
+@lru_cache(maxsize=8)
+def load_benchmark(name: str, seed: int) -> Benchmark:
+    """Make the tasks of a benchmark, which does not change NumPy's global generator.
+
+    Raises:
+        ValueError: if there is no such class.
+    """
+    if name != "ML10" and name not in metaworld.ML1.ENV_NAMES:
+        raise ValueError(f"name={name!r} is no benchmark: give 'ML10', or for ML1 one of {metaworld.ML1.ENV_NAMES}.")
+    return describe(metaworld.ML10(seed=seed) if name == "ML10" else metaworld.ML1(name, seed=seed))
+
+
+def describe(benchmark: Any) -> Benchmark:
+    """Give the tasks of one of Meta-World's benchmarks vectors, with a one-hot part if it trains on several classes."""
+    train, originals = list(benchmark.train_classes), {}
+    splits = []
+    for tasks in (benchmark.train_tasks, benchmark.test_tasks):
+        splits.append([_vector(task, train) for task in tasks])
+        originals.update({vector.tobytes(): task for vector, task in zip(splits[-1], tasks, strict=True)})
+    return Benchmark({**benchmark.train_classes, **benchmark.test_classes}, TaskSet(*splits), originals)
+
+
+def _vector(task: Any, train: list[str]) -> Task:
+    """Return the vector of one of Meta-World's tasks, float32."""
+    rand_vec = pickle.loads(task.data)["rand_vec"]
+    if len(train) == 1:
+        return np.asarray(rand_vec, dtype=np.float32)
+    filled = np.zeros(_RAND_VEC_DIM)
+    filled[: len(rand_vec)] = rand_vec
+    return np.array([*(task.env_name == name for name in train), *filled], dtype=np.float32)
+
+
+class MetaWorldEnv(gym.Env[Observation, NDArray[np.float32]]):
+    """Plays any task of a benchmark, with Meta-World's reward; the goal's place in the observation holds zeros.
+
+    A copy begins its episode anew, as copies of Gymnasium's MuJoCo environments do.
+
+    Args:
+        name: as in ``make_meta_world``.
+        seed: of the tasks.
+        render_mode: as in ``make_meta_world``.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array", "depth_array"], "render_fps": 80}
+
+    def __init__(self, name: str, seed: int = 1, render_mode: str | None = None) -> None:
+        self.render_mode = render_mode
+        self._arguments = (name, seed, render_mode)
+        self._benchmark = load_benchmark(name, seed)
+        self._envs: dict[str, Any] = {}  # those in use so far, by the name of their class
+        self._succeeded = False  # in this episode
+        self.set_task(self._benchmark.tasks.tasks()[0])
+        self.observation_space: Box = self._env.observation_space
+        self.action_space: Box = self._env.action_space
+
+    def set_task(self, task: Task) -> None:
+        """Apply one of the benchmark's tasks, from the next reset on.
+
+        Raises:
+            ValueError: if it is none of them.
+        """
+        self._task = np.array(task, dtype=np.float32)
+        original = self._benchmark.originals.get(self._task.tobytes())
+        if original is None:
+            raise ValueError(f"the task {task} is none of the benchmark's: choose from its TaskSet, by tasks('train').")
+        name = original.env_name
+        if name not in self._envs:
+            self._envs[name] = self._benchmark.classes[name](render_mode=self.render_mode)
+        self._env = self._envs[name]
+        self._env.set_task(original)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode; nothing is random but the task."""
+        super().reset(seed=seed)
+        self._succeeded = False
+        observation, info = self._env.reset()
+        return observation, info
+
+    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Step the environment of the task's class."""
+        observation, reward, terminated, truncated, info = self._env.step(action)
+        self._succeeded |= bool(info["success"])
+        return observation, float(reward), terminated, truncated, {**info, "is_success": self._succeeded}
+
+    def render(self) -> Any:
+        """Render the environment of the task's class."""
+        return self._env.render()
+
+    def close(self) -> None:
+        """Close the environments of all classes."""
+        for env in self._envs.values():
+            env.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"arguments": self._arguments, "task": self._task}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        MetaWorldEnv.__init__(self, *state["arguments"])
+        self.set_task(state["task"])
+        self.reset()
+
+
+_IDS = {"ML1Reach-v0": "reach-v3", "ML1Push-v0": "push-v3", "ML1PickPlace-v0": "pick-place-v3", "ML10-v0": "ML10"}
+
+for _id, _name in _IDS.items():
+    gym.register(_id, "sb3_bruno_envs.metaworld:make_meta_world", kwargs={"name": _name})
