@@ -1,7 +1,8 @@
-"""Makes Meta-World's ML1 and ML10 with a hidden task. It needs the package ``metaworld``, so it is imported by itself.
+"""Makes Meta-World's ML1 and ML10 with a hidden task; needs the extra ``metaworld``, so nothing else imports it.
 
 Importing this module registers ``ML1Reach-v0``, ``ML1Push-v0``, ``ML1PickPlace-v0`` and ``ML10-v0``. Tasks are
-Meta-World's own, applied by its ``set_task``: the ids that Meta-World registers mix up the splits.
+Meta-World's own, applied by its ``set_task``. Of the ids that Meta-World registers, ``Meta-World/ML1-train`` gives the
+test tasks too (3.1.1).
 
 McLean et al. 2025, "Meta-World+: An Improved, Standardized, RL Benchmark".
 """
@@ -10,10 +11,9 @@ from __future__ import annotations
 
 import pickle
 from functools import lru_cache
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import gymnasium as gym
-import metaworld
 import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
@@ -22,9 +22,13 @@ from sb3_bruno_envs.family import Family, Observe
 from sb3_bruno_envs.tasks import Split, Task, TaskSet
 from sb3_bruno_envs.wrappers.meta_task import Draw
 
-_RAND_VEC_DIM = (
-    6  # of most classes: where object and goal are, in m; the vectors of the others are filled up with zeros
-)
+try:
+    import metaworld
+except ModuleNotFoundError as error:
+    message = f"{error.name} is not installed: pip install 'sb3_bruno[metaworld]', in an environment of its own."
+    raise ModuleNotFoundError(message, name=error.name) from error
+
+_RAND_VEC_DIM = 6  # where object and goal are, in m; some classes have three numbers, and zeros fill up the rest
 
 Observation: TypeAlias = NDArray[np.float64]
 
@@ -138,7 +142,7 @@ class MetaWorldEnv(gym.Env[Observation, NDArray[np.float32]]):
         render_mode: as in ``make_meta_world``.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array", "depth_array"], "render_fps": 80}
+    metadata = {"render_modes": ["human", "rgb_array", "depth_array"], "render_fps": 80}  # noqa: RUF012  # as there
 
     def __init__(self, name: str, seed: int = 1, render_mode: str | None = None) -> None:
         self.render_mode = render_mode
@@ -147,8 +151,8 @@ class MetaWorldEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._envs: dict[str, Any] = {}  # those in use so far, by the name of their class
         self._succeeded = False  # in this episode
         self.set_task(self._benchmark.tasks.tasks()[0])
-        self.observation_space: Box = self._env.observation_space
-        self.action_space: Box = self._env.action_space
+        self.observation_space = self._env.observation_space
+        self.action_space = self._env.action_space
 
     def set_task(self, task: Task) -> None:
         """Apply one of the benchmark's tasks, from the next reset on.

@@ -303,3 +303,10 @@ def test_what_is_no_family_is_refused(place):
     with pytest.raises(ValueError, match=r"family=.* is .*: give a Family, or its place as 'module:NAME'"):
         register_family("Wrong-v0", place)
     assert "Wrong-v0" not in gym.registry
+
+
+def test_meta_world_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "metaworld", None)
+    monkeypatch.delitem(sys.modules, "sb3_bruno_envs.metaworld", raising=False)
+    with pytest.raises(ModuleNotFoundError, match=r"metaworld is not installed: pip install 'sb3_bruno\[metaworld\]'"):
+        gym.make("sb3_bruno_envs.metaworld:ML1Reach-v0")

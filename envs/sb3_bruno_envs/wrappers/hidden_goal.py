@@ -63,16 +63,19 @@ def goal_tasks(env: gym.Env[Any, Any], n_train: int = 100, n_test: int = 20) -> 
         n_test: the number of test goals.
 
     Raises:
-        ValueError: if the environment shows no goal, or has fewer different ones.
+        ValueError: if the environment shows no goal or has fewer different ones, or a number is not positive.
     """
     space = _goal_space(env)
+    if n_train < 1 or n_test < 1:
+        raise ValueError(f"n_train={n_train} and n_test={n_test} must be positive: ask for at least one goal of each.")
     goals: dict[bytes, Task] = {}  # in the order of their seeds
     for n, first_seed in ((n_train, 0), (n_test, _FIRST_TEST_SEED)):
         wanted = len(goals) + n
         for seed in range(first_seed, first_seed + 10 * n):
             if len(goals) == wanted:
                 break
-            goal = np.float32(flatten(space, env.reset(seed=seed)[0]["desired_goal"])) + np.float32(0.0)  # -0.0 is 0.0
+            flat: Any = flatten(space, env.reset(seed=seed)[0]["desired_goal"])
+            goal = np.asarray(flat, dtype=np.float32) + np.float32(0.0)  # -0.0 is 0.0
             goals.setdefault(goal.tobytes(), goal)
         if len(goals) < wanted:
             raise ValueError(

@@ -107,9 +107,15 @@ def test_tasks_are_the_goals_of_resets_with_fixed_seeds_and_no_test_goal_is_trai
     assert env.task_distribution == hide_goal(reach(), goal_tasks(reach())).task_distribution
 
 
-@pytest.mark.parametrize("n", [(3, 1), (4, 0), (2, 2)])
+@pytest.mark.parametrize("n", [(3, 1), (4, 1), (2, 2)])
 def test_more_goals_than_there_are_is_refused(n):
     with pytest.raises(ValueError, match=rf"n_train={n[0]} and n_test={n[1]} are too many: .* different goals"):
+        goal_tasks(FewGoals(), *n)
+
+
+@pytest.mark.parametrize("n", [(0, 1), (1, 0), (-3, 2)])
+def test_goals_of_a_split_are_at_least_one(n):
+    with pytest.raises(ValueError, match=rf"n_train={n[0]} and n_test={n[1]} must be positive: ask for at least one"):
         goal_tasks(FewGoals(), *n)
 
 
