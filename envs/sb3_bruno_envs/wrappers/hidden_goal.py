@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.spaces import Dict, flatten, unflatten
 from gymnasium.utils import RecordConstructorArgs
+from numpy.typing import ArrayLike
 
 from sb3_bruno_envs.tasks import Split, Task, TaskDistribution, TaskSet
 from sb3_bruno_envs.wrappers.meta_task import Draw, MetaTask
@@ -20,7 +21,7 @@ _FIRST_TEST_SEED = 1_000_000
 
 def hide_goal(
     env: gym.Env[Any, Any],
-    tasks: TaskDistribution | None = None,
+    tasks: TaskDistribution | ArrayLike | None = None,
     *,
     set_goal: SetGoal | None = None,
     split: Split = "train",
@@ -33,7 +34,8 @@ def hide_goal(
 
     Args:
         env: the environment, with its time limit. For several episodes of one goal, a ``Trial`` of it.
-        tasks: goals, flat, ``(n, goal_dim)``; None for ``goal_tasks(env)``, which takes 120 resets.
+        tasks: goals, flat, ``(n, goal_dim)``, or a TaskSet or TaskSampler of them; None for ``goal_tasks(env)``, which
+            takes 120 resets.
         set_goal: called as ``set_goal(env.unwrapped, goal)`` after every reset, with a goal in the form of
             ``desired_goal``; None writes it into the attribute ``goal``.
         split: ``"train"`` or ``"test"``.
