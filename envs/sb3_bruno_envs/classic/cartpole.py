@@ -81,9 +81,9 @@ class CartpoleSwingUpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     @staticmethod
     def name_task(task: ArrayLike) -> str:
-        """Return mass and length of the pole."""
+        """Return the cart's mass and the pole's length."""
         mass, length = np.asarray(task, dtype=np.float64).tolist()
-        return f"pole of {mass:.4g} kg, {length:.4g} m"
+        return f"cart {mass:.4g} kg, pole {length:.4g} m"
 
     def accelerations(self, force: float) -> tuple[float, float]:
         """Return the accelerations of cart (m/s^2) and pole (rad/s^2) under ``force`` (N)."""

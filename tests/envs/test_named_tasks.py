@@ -15,7 +15,7 @@ EXAMPLES = {
     "PointGoal-v0": ([0.5, -1, 0.25], "goal (0.5, -1, 0.25)"),
     "PointRotation-v0": ([0, -1], "-90 degrees"),
     "SparsePointGoal-v0": ([0, 1], "goal at 90 degrees"),
-    "CartpoleSwingUp-v0": ([0.1, 0.5], "pole of 0.1 kg, 0.5 m"),
+    "CartpoleSwingUp-v0": ([0.1, 0.5], "cart 0.1 kg, pole 0.5 m"),
     "Wind-v0": ([0.01, -0.08], "wind (0.01, -0.08)"),
     "AntDir-v0": ([-1, 0], "backward"),
     "AntDir2D-v0": ([0.6, 0.8], "53.13 degrees"),
