@@ -49,7 +49,8 @@ def evaluate_adaptation(
         names of the tasks (``info["task_name"]``), and which episodes ended in success (``info["is_success"]``).
 
     Raises:
-        ValueError: if an argument is invalid, a reward is not finite, or the environment ignores the task given to it.
+        ValueError: if an argument is invalid, a reward is not finite, a success is none, or the environment ignores
+            the task given to it.
     """
     episodes = play_episodes(
         model,

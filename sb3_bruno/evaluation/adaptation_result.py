@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sb3_bruno.evaluation.floats import Floats, mean_of_known
 from sb3_bruno.evaluation.interquartile import Interval, interquartile_mean
-from sb3_bruno.evaluation.task_names import task_labels
+from sb3_bruno.evaluation.task_names import ALL_TASKS, task_labels
 from sb3_bruno.files.whole import whole_file
 
 
@@ -31,14 +31,14 @@ class AdaptationResult:
         seed: the seed of the environments.
         versions: the versions of the libraries that made the result.
         names: what the environment calls each task, ``""`` for nothing; None if it has no names.
-        successes: whether each episode ended in success, ``(n_tasks, n_episodes)``, 1 or 0, NaN where the environment
-            does not tell; None if it never does.
+        successes: whether each episode ended in success, ``(n_tasks, n_episodes)``, 1, 0 or a share between, NaN where
+            the environment does not tell; None if it never does.
 
     Raises:
         TypeError: if tasks, rewards or successes are no numbers, or ``seed``, ``versions`` or ``names`` are of a wrong
             kind.
         ValueError: if the shapes disagree, a task is not finite, a reward is infinite or follows a NaN, a success is
-            neither 0 nor 1, or ``config`` is not JSON.
+            outside [0, 1], or ``config`` is not JSON.
     """
 
     tasks: Floats
@@ -175,7 +175,7 @@ class AdaptationResult:
     def summary(self, horizon: int | None = None) -> str:
         """Write a table of the returns over the first ``horizon`` steps: a row per task, then all together."""
         returns, steps = self.returns(horizon), self.steps_to_steady()
-        rows = [*zip(self.labels, returns, steps, strict=True), ("all", returns, steps)]
+        rows = [*zip(self.labels, returns, steps, strict=True), (ALL_TASKS, returns, steps)]
         width = max(4, *(len(label) for label, _, _ in rows))
         n_tasks, n_episodes = returns.shape
         rates = [""] * (n_tasks + 2)  # a column, head first
@@ -234,10 +234,12 @@ def _check_kinds(result: AdaptationResult) -> None:
 
 
 def _as_successes(successes: Floats, shape: tuple[int, ...]) -> Floats:
-    """Return successes as an array; raise a ValueError unless there is one of each episode, 0, 1 or NaN."""
+    """Return successes as an array; raise a ValueError unless there is one of each episode, in [0, 1] or NaN."""
     array = np.asarray(successes, dtype=np.float64)
-    if array.shape != shape or not np.isin(array[~np.isnan(array)], (0.0, 1.0)).all():
-        raise ValueError(f"successes have shape {array.shape}: give 0, 1 or NaN for each episode, {shape}.")
+    if array.shape != shape or (array < 0.0).any() or (array > 1.0).any():
+        raise ValueError(
+            f"successes of shape {array.shape} are of no use: give 0 to 1, or NaN, for each episode, {shape}."
+        )
     return array
 
 

@@ -16,6 +16,7 @@ from stable_baselines3.common.type_aliases import PolicyPredictor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_bruno.evaluation.progress import progress
+from sb3_bruno.evaluation.told import success, task_name
 
 
 class Episode(NamedTuple):
@@ -31,7 +32,7 @@ class Episode(NamedTuple):
         inner_ends: whether an episode within a trial ended with this transition, ``(length,)``. The model never sees
             such a transition: the next observation that it is shown is the first of the next inner episode.
         task_name: what the environment calls the task in the reset's ``info["task_name"]``; ``""`` for nothing.
-        success: ``info["is_success"]`` at the last step, 1 or 0; NaN if the environment does not tell.
+        success: ``info["is_success"]`` at the last step, in [0, 1]; NaN if the environment does not tell.
     """
 
     observations: NDArray[Any]
@@ -63,7 +64,8 @@ def play_episodes(
         The episodes of each task, in the order of the tasks.
 
     Raises:
-        ValueError: if an argument is invalid, a reward is not finite, or the environment ignores the task given to it.
+        ValueError: if an argument is invalid, a reward is not finite, a success is none, or the environment ignores
+            the task given to it.
     """
     task_array = np.asarray(tasks, dtype=np.float32)
     if task_array.ndim != 2 or task_array.size == 0:
@@ -111,7 +113,7 @@ def _play_batch(
     for task, info in zip(tasks, venv.reset_infos, strict=False):
         _check_task(task, info)
     state, episode_start = None, np.ones(venv.num_envs, dtype=bool)
-    names = [str(info.get("task_name", "")) for info in venv.reset_infos[:n]]
+    names = [task_name(info) for info in venv.reset_infos[:n]]
     running, lengths, successes = np.ones(n, dtype=bool), np.zeros(n, dtype=np.int64), np.full(n, np.nan)
     steps: list[tuple[NDArray[Any], ...]] = []
     while running.any():
@@ -128,7 +130,7 @@ def _play_batch(
         steps.append((before, actions, rewards, after, inner_ends))
         lengths += running
         for i in np.flatnonzero(running & episode_start[:n]):
-            successes[i] = float(infos[i].get("is_success", np.nan))
+            successes[i] = success(infos[i])
         bar.update(int((running & episode_start[:n]).sum()))
         bar.set_postfix(step=len(steps), refresh=False)
         running &= ~episode_start[:n]

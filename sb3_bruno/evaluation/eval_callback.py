@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_bruno.evaluation.resumable_eval import ResumableEvalCallback, Rows
+from sb3_bruno.evaluation.resumable_eval import ResumableEvalCallback, Rows, has_ended
 from sb3_bruno.evaluation.task_names import log_key, task_label
+from sb3_bruno.evaluation.told import task_name
 from sb3_bruno.files.whole import whole_file
 
 _TASKS_FILE = "evaluation_tasks.npz"  # beside SB3's evaluations.npz
@@ -72,7 +73,7 @@ class TaskEvalCallback(ResumableEvalCallback):
         self.evaluations_names: list[NDArray[np.str_]] = []  # (n_episodes,) each
         self._episode_tasks: list[NDArray[np.float32]] = []  # of the current evaluation
         self._episode_names: list[str] = []
-        self._logged_tasks: dict[str, bytes] = {}  # by the end of their log keys
+        self._logged_tasks: dict[bytes, str] = {}  # the ends of their log keys
 
     def _continue(self, rows: Rows) -> None:
         super()._continue(rows)
@@ -93,31 +94,37 @@ class TaskEvalCallback(ResumableEvalCallback):
         """Note task and return of an episode that ends; ``evaluate_policy`` calls this after every step."""
         super()._log_success_callback(locals_, globals_)
         info = locals_["info"]
-        if not locals_["done"] or (locals_["is_monitor_wrapped"] and "episode" not in info):
-            return  # a Monitor knows better than ``done`` whether an episode ended, as evaluate_policy has it
+        if not has_ended(locals_):
+            return
         if "task" not in info:
             raise ValueError("eval_env ended an episode without info['task']: wrap the eval environment in MetaTask.")
         self._episode_tasks.append(np.array(info["task"], dtype=np.float32))
         episode_return = info["episode"]["r"] if locals_["is_monitor_wrapped"] else _running_return(locals_)
-        self._episode_names.append(str(info.get("task_name", "")))
+        self._episode_names.append(task_name(info))
         measured = {"return": float(episode_return)}
-        if info.get("is_success") is not None:
-            measured["success"] = float(info["is_success"])
+        if not np.isnan(self._told[-1]):
+            measured["success"] = self._told[-1]
         self._log(info, measured)
 
     def _log(self, info: dict[str, Any], measured: Mapping[str, float]) -> None:
         """Average numbers into the log entries of the task; EvalCallback writes the log at the end."""
-        task, numbers = self._episode_tasks[-1].tobytes(), task_label(info["task"], info.get("task_index"))
-        label = log_key(self._episode_names[-1]) or numbers
-        if self._logged_tasks.get(label, task) != task:  # of another task by the same name
-            label = f"{label}_{numbers}"
-        if label not in self._logged_tasks and len(self._logged_tasks) >= _MAX_LOGGED_TASKS:
-            return
-        self._logged_tasks[label] = task
+        task = self._episode_tasks[-1].tobytes()
+        if task not in self._logged_tasks:
+            if len(self._logged_tasks) >= _MAX_LOGGED_TASKS:
+                return
+            self._logged_tasks[task] = self._new_label(task_label(info["task"], info.get("task_index")))
+        label = self._logged_tasks[task]
         for name, value in measured.items():
             key = f"{name}_task_{label}"
             exclude = ("stdout", "log") if len(key) > _MAX_CONSOLE_KEY else None
             self.logger.record_mean(f"eval/{key}", value, exclude=exclude)
+
+    def _new_label(self, numbers: str) -> str:
+        """Return the end of the log keys of the task that was met last, which no other task has."""
+        label, taken = log_key(self._episode_names[-1]) or numbers, self._logged_tasks.values()
+        for more in (numbers, str(len(taken))):  # where tasks share a name, or look the same in numbers too
+            label = f"{label}_{more}" if label in taken else label
+        return label
 
 
 def load_learning_curve(path: str | Path) -> LearningCurve:

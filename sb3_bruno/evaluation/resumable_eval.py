@@ -6,6 +6,7 @@ import os
 import warnings
 import zipfile
 import zlib
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import EvalCallback
 
+from sb3_bruno.evaluation.told import success
 from sb3_bruno.files.whole import whole_files
 
 Rows = dict[str, NDArray[Any]]
@@ -30,6 +32,9 @@ class ResumableEvalCallback(EvalCallback):
     later ones are dropped: the run was resumed from an earlier checkpoint, and makes those evaluations again. If the
     model has a seed, each evaluation seeds its environments with that seed plus the number of calls so far. So a
     resumed run is evaluated as if it had never been interrupted.
+
+    ``successes`` in ``evaluations.npz`` has a number for each episode, NaN for one that does not tell. SB3 leaves such
+    episodes out, and cannot save rows of different lengths.
 
     While an evaluation goes on, ``log_path`` and ``best_model_save_path`` name the places where its files are made.
 
@@ -86,7 +91,7 @@ class ResumableEvalCallback(EvalCallback):
         self.evaluations_timesteps = rows["timesteps"].tolist()
         self.evaluations_results = rows["results"].tolist()
         self.evaluations_length = rows["ep_lengths"].tolist()
-        self.evaluations_successes = rows["successes"].tolist() if "successes" in rows else []
+        self.evaluations_successes = rows.get("successes", np.full(rows["results"].shape, np.nan)).tolist()
         self.best_mean_reward = max(map(float, np.mean(rows["results"], axis=1)), default=-np.inf)
 
     def _set_aside(self, folder: Path, error: ValueError) -> None:
@@ -114,12 +119,44 @@ class ResumableEvalCallback(EvalCallback):
         if self.model.seed is not None:
             self.eval_env.seed(self.model.seed + self.n_calls)
         log_path, best_path = self.log_path, self.best_model_save_path
+        self._told: list[float] = []  # the success of each episode of this evaluation
+        successes: list[Any] = self.evaluations_successes
         with ExitStack() as whole:
             try:
                 if log_path is not None:
                     self.log_path = str(whole.enter_context(whole_files(Path(log_path).parent, _FILE)) / "evaluations")
                 if best_path is not None:
                     self.best_model_save_path = str(whole.enter_context(whole_files(best_path, "best_model.zip")))
-                return super()._on_step()
+                self.evaluations_successes = []
+                continue_training = super()._on_step()
+                if self.log_path is not None:
+                    successes.append(self._told)
+                    self._save_successes(successes)
+                return continue_training
             finally:
+                self.evaluations_successes = successes
                 self.log_path, self.best_model_save_path = log_path, best_path
+
+    def _save_successes(self, successes: list[list[float]]) -> None:
+        """Add them to the file that SB3 has just written, if any episode told of one."""
+        file = f"{self.log_path}.npz"
+        with np.load(file) as arrays:
+            rows = {name: arrays[name] for name in arrays.files}
+        told = {} if np.isnan(successes).all() else {"successes": successes}
+        np.savez(file, **{**rows, **told})
+
+    def _log_success_callback(self, locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
+        """Note whether an episode that ends was a success; ``evaluate_policy`` calls this after every step."""
+        if not has_ended(locals_):
+            return
+        self._told.append(success(locals_["info"]))
+        if not np.isnan(self._told[-1]):
+            self._is_success_buffer.append(self._told[-1])  # type: ignore[arg-type]  # of which SB3 takes the mean
+
+
+def has_ended(locals_: Mapping[str, Any]) -> bool:
+    """Return whether an episode ended, from the local variables of ``evaluate_policy``.
+
+    A Monitor knows better than ``done``, as ``evaluate_policy`` has it.
+    """
+    return bool(locals_["done"]) and not (locals_["is_monitor_wrapped"] and "episode" not in locals_["info"])

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,6 +16,8 @@ from numpy.typing import ArrayLike
 FEW_TASKS = 4
 """Up to so many tasks are shown one by one in figures, tables and videos; more are pooled."""
 
+ALL_TASKS = "all"
+"""What tasks are called that are pooled, in tables; so no task is."""
 
 FEW_NUMBERS = 8
 """A task of up to so many numbers is called by them; of more, by its place in the list and a name."""
@@ -42,17 +45,24 @@ def task_labels(tasks: ArrayLike, names: Sequence[str] | None = None) -> list[st
     """Return labels of a list of tasks, ``(n, dim)``, all different.
 
     Args:
-        tasks: different vectors.
+        tasks: the vectors.
         names: what the environment calls them, ``""`` where it calls one nothing; None if it has no names. Tasks of
-            one name are told apart by their numbers.
+            one name are told apart by their numbers, and if these look the same, by their places in the list.
     """
     numbers = [task_label(task, place) for place, task in enumerate(np.asarray(tasks))]
-    if names is None:
-        return numbers
-    return [
+    names = [""] * len(numbers) if names is None else list(map(one_line, names))
+    labels = [
         (name if names.count(name) == 1 else f"{name} ({number.replace('_', ', ')})") if name else number
         for name, number in zip(names, numbers, strict=True)
     ]
+    while max((count := Counter([ALL_TASKS, *labels])).values()) > 1:
+        labels = [label if count[label] == 1 else f"{label} #{place}" for place, label in enumerate(labels)]
+    return labels
+
+
+def one_line(name: str) -> str:
+    """Write a name on one line, without what cannot be printed: ``"left\\n up"`` gives ``"left up"``."""
+    return " ".join("".join(char if char.isprintable() else " " for char in name).split())
 
 
 def log_key(label: str) -> str:

@@ -12,7 +12,7 @@ import pandas as pd
 
 from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.interquartile import Interval, interquartile_mean
-from sb3_bruno.evaluation.task_names import pooled_title, task_title
+from sb3_bruno.evaluation.task_names import ALL_TASKS, pooled_title, task_title
 from sb3_bruno.plotting.style import plot_bands
 from sb3_bruno.runs.record import RunRecord
 
@@ -157,14 +157,14 @@ def reward_bands(methods: Methods) -> dict[str, dict[str, Band]]:
         for task, band in bands.groupby(level="task", sort=False):
             x = band.index.get_level_values("step").to_numpy()
             lines = (band[column].to_numpy() for column in ("mean", "low", "high"))
-            panels.setdefault(_title("" if task == "all" else str(task), methods), {})[name] = Band(x, *lines)
+            panels.setdefault(_title("" if task == ALL_TASKS else str(task), methods), {})[name] = Band(x, *lines)
     return panels
 
 
 def _few_tasks(methods: Methods) -> Sequence[str]:
     """Return the tasks of all runs together; none if some run has so many that its record pools them."""
     tasks = dict.fromkeys(task for run in _all(methods) for task in run.rewards["task"].unique())
-    return [] if "all" in tasks else list(tasks)
+    return [] if ALL_TASKS in tasks else list(tasks)
 
 
 def _title(task: str, methods: Methods) -> str:

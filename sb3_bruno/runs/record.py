@@ -15,7 +15,7 @@ import pandas as pd
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.eval_callback import LearningCurve, load_learning_curve
-from sb3_bruno.evaluation.task_names import FEW_TASKS, task_label
+from sb3_bruno.evaluation.task_names import ALL_TASKS, FEW_TASKS, task_label
 from sb3_bruno.files.whole import whole_files
 from sb3_bruno.runs.clock import TrainingClock
 from sb3_bruno.runs.kept_test import check_config, check_record, find_test
@@ -70,7 +70,7 @@ class RunRecord(NamedTuple):
             ValueError: if the folder holds no such record.
         """
         folder = Path(folder)
-        read = {"dtype": {"task": str}}
+        read: Any = {"converters": {"task": str}}  # as it is: with a dtype, a task called "None" would be none
         try:
             about = json.loads((folder / _ABOUT).read_text(encoding="utf-8"))
             tables = [pd.read_csv(folder / name, **read) for name in (_CURVE, _EPISODES, _REWARDS)]
@@ -173,7 +173,7 @@ def _rewards(result: AdaptationResult) -> pd.DataFrame:
     """Tabulate the final test, a row per step of each task, or of all if there are many: ``RunRecord.rewards``."""
     n_tasks, _, horizon = result.rewards.shape
     if n_tasks > FEW_TASKS:
-        groups = {"all": result.rewards.reshape(-1, horizon)}
+        groups = {ALL_TASKS: result.rewards.reshape(-1, horizon)}
     else:
         groups = dict(zip(result.labels, result.rewards, strict=True))
     steps = np.arange(1, horizon + 1)

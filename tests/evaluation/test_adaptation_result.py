@@ -181,7 +181,7 @@ def test_config_is_checked(value: object) -> None:
 
 
 def test_names_and_successes_are_shown_and_kept(tmp_path) -> None:
-    successes = np.array([[1.0, 0.0], [np.nan, np.nan]])
+    successes = np.array([[0.75, 0.25], [np.nan, np.nan]])  # an environment may tell the share that it calls done
     rewards = np.ones((2, 2, 3))
     result = AdaptationResult([[1.0], [2.0]], rewards, names=["slow", "fast"], successes=successes)
     result.save(tmp_path / "result.json")
@@ -200,8 +200,9 @@ def test_names_and_successes_are_shown_and_kept(tmp_path) -> None:
     ("bad", "named"),
     [
         ({"names": ["slow"]}, "names has 1 entries for 2 tasks"),
-        ({"successes": np.ones((2, 1))}, "successes have shape"),
-        ({"successes": np.full((2, 2), 0.5)}, "give 0, 1 or NaN"),
+        ({"successes": np.ones((2, 1))}, "successes of shape"),
+        ({"successes": np.full((2, 2), 1.5)}, "give 0 to 1, or NaN"),
+        ({"successes": np.full((2, 2), -1.0)}, "give 0 to 1, or NaN"),
     ],
 )
 def test_names_and_successes_that_do_not_fit_are_refused(bad, named) -> None:

@@ -26,8 +26,14 @@ class CycleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     observation_space = Box(-1.0, 1.0, (1,))
     action_space = Box(-1.0, 1.0, (1,))
 
-    def __init__(self, n_tasks: int = 3, named: bool = True, call: Callable[[float], str] | None = None) -> None:
-        self.resets, self.n_tasks, self.named, self.call = -1, n_tasks, named, call
+    def __init__(
+        self,
+        n_tasks: int = 3,
+        named: bool = True,
+        call: Callable[[float], str] | None = None,
+        succeeds: Callable[[float], Any] = lambda task: task > 1.0,
+    ) -> None:
+        self.resets, self.n_tasks, self.named, self.call, self.succeeds = -1, n_tasks, named, call, succeeds
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -38,7 +44,7 @@ class CycleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         task = self.resets % self.n_tasks + 1.0
-        info = {"task": np.array([task], dtype=np.float32), "is_success": task > 1.0} if self.named else {}
+        info = {"task": np.array([task], dtype=np.float32), "is_success": self.succeeds(task)} if self.named else {}
         return (
             np.zeros(1, dtype=np.float32),
             task,
@@ -88,6 +94,20 @@ def test_tasks_with_names_are_logged_and_kept_by_them(tmp_path: Path) -> None:
 def test_tasks_of_one_name_are_logged_apart(tmp_path: Path) -> None:
     logged = learn(Monitor(CycleEnv(call=lambda task: "fast")), tmp_path, n_eval_episodes=3, warn=False)
     assert [np.sum(logged[f"eval/return_task_fast{end}"]) for end in ("", "_2", "_3")] == [2, 4, 6]
+
+
+def test_successes_that_only_some_episodes_tell_are_kept_in_their_places(tmp_path: Path) -> None:
+    """SB3's row would have two numbers in one evaluation and three in the next, which no file can hold."""
+    env = Monitor(CycleEnv(succeeds=lambda task: None if task == 1 else np.bool_(task == 3)))
+    logged = learn(env, tmp_path, n_eval_episodes=4)
+    rows = TaskEvalCallback.read(tmp_path)
+    np.testing.assert_array_equal(rows["successes"], [[np.nan, 0, 1, np.nan], [1, np.nan, 0, 1]])
+    np.testing.assert_allclose(logged["eval/success_rate"], [1 / 2, 2 / 3], rtol=1e-4)
+
+
+def test_no_success_is_kept_where_none_is_told(tmp_path: Path) -> None:
+    logged = learn(Monitor(CycleEnv(succeeds=lambda task: None)), tmp_path, n_eval_episodes=2)
+    assert not any("success" in key for key in [*logged, *TaskEvalCallback.read(tmp_path)])
 
 
 def test_endless_tasks_do_not_flood_the_log(tmp_path: Path) -> None:

@@ -42,6 +42,26 @@ def test_names_are_labels_and_titles_unless_two_tasks_share_one() -> None:
 
 
 @pytest.mark.parametrize(
+    ("tasks", "names"),
+    [
+        ([[1.0], [2.0]], ["2", ""]),
+        ([[5.0], [1.0], [2.0]], ["fast (1)", "fast", "fast"]),
+        ([[100000.1], [100000.2]], None),
+        ([[100000.1], [100000.2]], ["far", "far"]),
+        ([[1.0], [1.0]], None),
+        ([[1.0], [2.0]], ["all", "some"]),  # what tables call all tasks together
+        ([[1.0], [2.0], [3.0]], ["a\nb", "a b", "a\0b\ud800"]),
+    ],
+)
+def test_labels_are_all_different_on_one_line_and_none_is_all(
+    tasks: list[list[float]], names: list[str] | None
+) -> None:
+    labels = task_labels(tasks, names)
+    assert len(set(labels)) == len(tasks) and "all" not in labels
+    assert all(label.isprintable() for label in labels)
+
+
+@pytest.mark.parametrize(
     ("label", "key"), [("forward", "forward"), ("1.9 m/s", "1.9_m_s"), ("(0.5, -1)", "0.5_-1"), ("0.5_-1", "0.5_-1")]
 )
 def test_a_log_key_holds_no_slash_and_no_space(label: str, key: str) -> None:

@@ -47,6 +47,19 @@ def test_a_record_holds_the_curve_and_the_test_and_reads_back(tmp_path: Path) ->
     assert read.rewards.groupby("task", sort=False)["low"].min().to_dict() == {"1_0": -1.0, "0_1": 3.0}
 
 
+@pytest.mark.parametrize("names", [["None", "nan"], ["NA", "null"], ["all", 'a, "b"'], ["1", "1"], ["a\rb", "#N/A"]])
+def test_a_task_may_be_called_what_a_table_takes_for_a_gap(tmp_path: Path, names: list[str]) -> None:
+    run = run_folder(tmp_path / "run", 3)
+    test = AdaptationResult.load(run / "adaptation.json")
+    AdaptationResult(test.tasks, test.rewards, test.config, names=names).save(run / "adaptation.json")
+    record = RunRecord.from_run(run)
+    record.save(tmp_path / "record")
+    read = RunRecord.load(tmp_path / "record")
+    for table, saved in zip(read[1:], record[1:], strict=True):
+        assert table["task"].tolist() == saved["task"].tolist()
+    assert len(read.parts()) == len(read.about["steps_to_90"]) == len(names)
+
+
 def test_of_several_tests_the_longest_counts_or_the_one_that_is_named(tmp_path: Path) -> None:
     run = run_folder(tmp_path / "run", 3)
     result = AdaptationResult.load(run / "adaptation.json")
