@@ -11,7 +11,7 @@ import numpy as np
 from sb3_bruno.diagnostics.result import Diagnostics
 from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.task_names import task_labels, task_title
-from sb3_bruno.plotting.style import COLORS, INK, draw_band, style_panel
+from sb3_bruno.plotting.style import COLORS, INK, as_text, draw_band, style_panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -121,7 +121,7 @@ def _draw_beliefs(panel: Axes, found: Diagnostics) -> None:
         for i, path in enumerate(episodes):
             known = path[~np.isnan(path).any(axis=-1)]
             panel.plot(*known.T, color=color, linewidth=0.8, alpha=0.5)
-            label = title if few and i == 0 else None
+            label = as_text(title) if few and i == 0 else None
             panel.plot(*known[-1], color=color, marker="o", markersize=6, linestyle="", label=label)
     panel.plot(*found.beliefs[0, 0, 0], color=INK, marker="x", markersize=9, linestyle="", label="prior")
     _label(panel, *(f"principal axis {i + 1} ({_percent(share, 1)})" for i, share in enumerate(found.explained)))
@@ -151,7 +151,9 @@ def _draw_prediction(panel: Axes, found: Diagnostics) -> None:
         mean, low, high = found.predicted[:, i]
         title = titles[i]
         draw_band(panel, Band(steps, mean, low, high), color, f"{title}: mean, 90 %", linewidth=1.2)
-        panel.plot(steps, found.real[i], color=color, linestyle="", marker=".", markersize=4, label=f"{title}: real")
+        panel.plot(
+            steps, found.real[i], color=color, linestyle="", marker=".", markersize=4, label=as_text(f"{title}: real")
+        )
     panel.margins(x=0.01)
     _label(panel, "environment step", name)
 

@@ -28,6 +28,7 @@ COLORS = (
 )  # Okabe and Ito: colour-blind eyes tell them apart
 INK = "#404040"
 WIDEST = 44  # characters of the legend that fit above one panel
+_WIDEST_TITLE = 54  # characters of a title above one panel; more take a second line
 
 
 def plot_bands(
@@ -80,7 +81,7 @@ def as_text(name: str) -> str:
 
 def style_panel(panel: Axes, title: str) -> None:
     """Give a panel its title and the look of all figures here."""
-    panel.set_title(as_text(title), loc="left", fontsize=12, color=INK)
+    panel.set_title(fill(as_text(title), _WIDEST_TITLE), loc="left", fontsize=12, color=INK)
     panel.spines[["top", "right"]].set_visible(False)
     panel.spines[["left", "bottom"]].set_color(INK)
     panel.tick_params(labelsize=11, colors=INK)

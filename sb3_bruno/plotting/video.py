@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from textwrap import fill
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -17,8 +18,12 @@ from sb3_bruno.encoders import HasPosterior
 from sb3_bruno.encoders.abilities import check_ability
 from sb3_bruno.evaluation.progress import progress
 from sb3_bruno.evaluation.task_names import FEW_TASKS, task_labels, task_title
+from sb3_bruno.evaluation.told import task_name
+from sb3_bruno.plotting.style import as_text
 
 Frames = list[NDArray[np.uint8]]
+
+_WIDEST_TITLE = 40  # characters above an image; more take a second line
 
 
 class Filmed(NamedTuple):
@@ -86,7 +91,7 @@ def _episode(
         observation, _, terminated, truncated, _ = env.step(action)
         over = terminated or truncated
     env.close()
-    return Filmed(str(info.get("task_name", "")), frames, beliefs)
+    return Filmed(task_name(info), frames, beliefs)
 
 
 def _draw(titles: list[str], episodes: list[Filmed], progress_bar: bool) -> Frames:
@@ -102,7 +107,7 @@ def _draw(titles: list[str], episodes: list[Filmed], progress_bar: bool) -> Fram
     for column, (title, (_, frames, beliefs)) in enumerate(zip(titles, episodes, strict=True)):
         picture, chart = panels[0, column], panels[1, column]
         picture.set_axis_off()
-        picture.set_title(title, fontsize=9)
+        picture.set_title(fill(as_text(title), _WIDEST_TITLE), fontsize=9)
         images.append(picture.imshow(frames[0]))
         mean = np.concatenate([belief.mean for belief in beliefs])  # (steps, latent_dim)
         spread = np.sqrt(np.concatenate([belief.var for belief in beliefs]))

@@ -56,6 +56,14 @@ def test_six_panels_show_the_numbers() -> None:
     assert labels[5] == ["task 0: mean, 90 %", "task 0: real", "task 1: mean, 90 %", "task 1: real"]
 
 
+def test_names_of_tasks_are_drawn_as_they_are(tmp_path: Path) -> None:
+    found = replace(diagnostics_of(2), names=np.array(["$a_{ $", "_hidden"]))  # half a formula, and a hidden label
+    plot_diagnostics(found, tmp_path / "found.png")
+    beliefs, prediction = draw_diagnostics(found).axes[-2:]
+    assert [text.get_text() for text in beliefs.get_legend().get_texts()] == [r"\$a_{ \$", " _hidden", "prior"]
+    assert len(prediction.get_legend().get_texts()) == 4
+
+
 def test_an_encoder_that_measures_no_distance_has_five_panels(tmp_path: Path) -> None:
     found = replace(diagnostics_of(2), distance_levels=None)
     titles = [panel.get_title(loc="left") for panel in draw_diagnostics(found).axes]

@@ -115,6 +115,13 @@ def test_a_long_name_leaves_room_for_the_lines(tmp_path: Path) -> None:
     assert "bruno_sac (argument_0=value," in texts(tmp_path / "bands.svg")
 
 
+def test_a_long_title_takes_more_lines_instead_of_being_cut(tmp_path: Path) -> None:
+    result = AdaptationResult(np.zeros((1, 1)), np.ones((1, 1, 2)), names=["go to the left " * 8 + "$"])
+    plot_adaptation({"x": result}, tmp_path / "x.svg")
+    titles = [text for text in texts(tmp_path / "x.svg") if "left" in text]
+    assert len(titles) > 2 and max(map(len, titles)) <= 54
+
+
 def test_matplotlibs_settings_are_left_alone(tmp_path: Path) -> None:
     before = dict(matplotlib.rcParams)
     plot_adaptation({"x": AdaptationResult(np.zeros((1, 1)), np.ones((1, 1, 2)))}, tmp_path / "x.png")
