@@ -22,7 +22,7 @@ ALL_TASKS = "all"
 FEW_NUMBERS = 8
 """A task of up to so many numbers is called by them; of more, by its place in the list and a name."""
 
-_NUMBERS = re.compile(r"(#\d+-)?[0-9a-f]{6}|(-?[\d.]+(e[+-]?\d+)?)(_-?[\d.]+(e[+-]?\d+)?)*")
+_NUMBERS = re.compile(r"#\d+-[0-9a-f]{6}|(-?[\d.]+(e[+-]?\d+)?)(_-?[\d.]+(e[+-]?\d+)?)*")
 
 
 def task_label(task: ArrayLike, place: int | None = None) -> str:
@@ -76,7 +76,7 @@ def task_title(task: ArrayLike) -> str:
     A name is its own title.
     """
     label = task if isinstance(task, str) else task_label(task)
-    if not _NUMBERS.fullmatch(label):
+    if isinstance(task, str) and not _NUMBERS.fullmatch(label):
         return label
     return f"task ({label.replace('_', ', ')})" if "_" in label else f"task {label}"
 

@@ -38,6 +38,8 @@ def test_names_are_labels_and_titles_unless_two_tasks_share_one() -> None:
     assert labels == ["slow", "fast (1)", "fast (2)", "3"]
     assert [task_title(label) for label in labels] == ["slow", "fast (1)", "fast (2)", "task 3"]
     assert task_title("1.9 m/s") == "1.9 m/s" and task_title("goal (0.5, -1)") == "goal (0.5, -1)"
+    assert task_title("decade") == "decade", "though it looks like what a task of many numbers is called"
+    assert task_title("#3-decade") == "task #3-decade" and task_title(np.arange(9.0)).startswith("task ")
     assert task_title("-1e-05_2e+10") == "task (-1e-05, 2e+10)"
 
 
