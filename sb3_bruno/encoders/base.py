@@ -41,6 +41,16 @@ class Transitions(NamedTuple):
     rewards: Tensor
     next_observations: Tensor
 
+    def blanked(self, weights: Tensor | None) -> Transitions:
+        """Put zeros where a transition's weight, shape (..., time), is 0: padding may hold anything.
+
+        A product with 0 would not leave NaN or infinity out, nor would a choice keep it from the gradient.
+        """
+        if weights is None:
+            return self
+        counts = weights.unsqueeze(-1) > 0
+        return Transitions(*(th.where(counts, column, 0.0) for column in self))
+
 
 class TaskSequences(NamedTuple):
     """Sequences of transitions of one task each: what an encoder learns from.

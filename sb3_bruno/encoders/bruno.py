@@ -153,7 +153,7 @@ class BrunoEncoder(TaskEncoder[Any]):
         return self.process.absorb(memory, *given, z)
 
     def prefixes(self, transitions: Transitions, weights: Tensor | None = None, noise: Tensor | None = None) -> Any:
-        given, z, _ = self.see(transitions, noise)
+        given, z, _ = self.see(transitions.blanked(weights), noise)
         return self.process.prefixes(*given, z, weights)
 
     def count(self, memory: Any) -> Tensor:
@@ -199,7 +199,7 @@ class BrunoEncoder(TaskEncoder[Any]):
         transitions, tasks, weights = sequences
         if self.training:
             self.model.variables.update(transitions, weights)
-        seen = self.see(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
+        seen = self.see(transitions.blanked(weights), self.draw_noise(transitions.rewards.shape[:-1]))
         weights = th.ones_like(seen.log_det) if weights is None else weights
         statistics = self.process.statistics(*seen.given, seen.z, weights)
         bound = self._bound(seen, statistics, weights)
@@ -235,7 +235,7 @@ class BrunoEncoder(TaskEncoder[Any]):
         Raises:
             ValueError: if the sequences are shorter than ``shortest_sequence``.
         """
-        seen = self.see(transitions, self.draw_noise(transitions.rewards.shape[:-1]))
+        seen = self.see(transitions.blanked(weights), self.draw_noise(transitions.rewards.shape[:-1]))
         weights = th.ones_like(seen.log_det) if weights is None else weights
         return self._bound(seen, self.process.statistics(*seen.given, seen.z, weights), weights)
 

@@ -139,7 +139,7 @@ class CausalTransformer(TaskEncoder[TransformerMemory]):
             (batch, time + 1, hidden_size), and the keys and values of each layer (batch, time, 2 * n_layers *
             hidden_size).
         """
-        x = self.embedding(th.cat(transitions, dim=-1))
+        x = self.embedding(th.cat(transitions.blanked(weights), dim=-1))
         batch_shape = tuple(x.shape[:-2])
         x, counted = flat(x, weights)
         if counted is not None and counted.all():  # there is nothing to look up, nor any windows to copy

@@ -122,7 +122,7 @@ class MeanEmbedding(TaskEncoder[EmbeddingMemory]):
         return EmbeddingMemory(memory.n + 1, memory.total + self._embeddings(transitions))
 
     def prefixes(self, transitions: Transitions, weights: Tensor | None = None) -> EmbeddingMemory:
-        embeddings = self._embeddings(transitions)
+        embeddings = self._embeddings(transitions.blanked(weights))
         counts = th.ones_like(embeddings[..., :1]) if weights is None else weights.unsqueeze(-1)
         before = EmbeddingMemory(counts, counts * embeddings)
         return map_memory(lambda summands: F.pad(summands.cumsum(dim=-2), (0, 0, 1, 0)), before)
@@ -145,7 +145,7 @@ class MeanEmbedding(TaskEncoder[EmbeddingMemory]):
         drawn = draw(weights)
         code = drawn.known(self.belief(self.prefixes(transitions, weights)))
         code = code[:, :, None].expand(*drawn.targets.shape, -1)
-        values = map_memory(drawn.wanted, self.variables(transitions))
+        values = map_memory(drawn.wanted, self.variables(transitions.blanked(weights)))
         nats = drawn.mean(th.stack([_log_density(told, y) for told, y in self.decoder(code, values)]).sum(dim=0))
         return Loss(-nats, {"nats": nats.detach()})
 

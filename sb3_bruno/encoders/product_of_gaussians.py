@@ -120,9 +120,8 @@ class ProductOfGaussians(TaskEncoder[ProductMemory]):
 
     def prefixes(self, transitions: Transitions, weights: Tensor | None = None) -> ProductMemory:
         counted = th.ones_like(transitions.rewards) if weights is None else weights.unsqueeze(-1)
-        # Not a product alone: padding may hold anything, also what makes an infinite factor.
-        factors = (th.where(counted > 0, counted * factor, 0.0) for factor in self._factors(transitions))
-        precision, shift = (F.pad(factor.cumsum(dim=-2), (0, 0, 1, 0)) for factor in factors)
+        factors = self._factors(transitions.blanked(weights))
+        precision, shift = (F.pad((counted * factor).cumsum(dim=-2), (0, 0, 1, 0)) for factor in factors)
         return self.empty(tuple(precision.shape[:-1]))._replace(precision=precision, shift=shift)
 
     def posterior(self, memory: ProductMemory) -> Normal:

@@ -66,9 +66,9 @@ class RandomFeatures(TaskEncoder[RandomMemory]):
         return RandomMemory(memory.n + 1, memory.total + self.features(th.cat(transitions, dim=-1)))
 
     def prefixes(self, transitions: Transitions, weights: Tensor | None = None) -> RandomMemory:
-        features = self.features(th.cat(transitions, dim=-1))
+        features = self.features(th.cat(transitions.blanked(weights), dim=-1))
         counted = th.ones_like(features[..., :1]) if weights is None else weights.unsqueeze(-1)
-        totals = (counted, th.where(counted > 0, counted * features, 0.0))
+        totals = (counted, counted * features)
         return RandomMemory(*(F.pad(total.cumsum(dim=-2), (0, 0, 1, 0)) for total in totals))
 
     def belief(self, memory: RandomMemory) -> Tensor:

@@ -105,7 +105,7 @@ class RecurrentEncoder(TaskEncoder[RecurrentMemory]):
 
     def prefixes(self, transitions: Transitions, weights: Tensor | None = None) -> RecurrentMemory:
         """Run the network once over what counts, then look up each prefix by how many transitions counted before it."""
-        features = self.features(th.cat(transitions, dim=-1))
+        features = self.features(th.cat(transitions.blanked(weights), dim=-1))
         *batch_shape, time, _ = features.shape
         x, counted = flat(features, weights)
         if counted is not None:

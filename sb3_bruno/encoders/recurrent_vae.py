@@ -127,7 +127,7 @@ class RecurrentVae(StandardRecurrent):
             return Loss(self.kl_weight * kl, scalars)
         drawn = draw(weights)
         code = drawn.known(posterior.rsample())[:, :, None].expand(*drawn.targets.shape, -1)
-        values = map_memory(drawn.wanted, self.variables(transitions))
+        values = map_memory(drawn.wanted, self.variables(transitions.blanked(weights)))
         errors = [(told[..., 0, :] - y).square().mean(dim=-1) for told, y in self.decoder(code, values)]
         error = drawn.mean(th.stack(errors).sum(dim=0))
         return Loss(error + self.kl_weight * kl, {**scalars, "squared_error": error.detach()})

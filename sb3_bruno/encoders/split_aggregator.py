@@ -120,7 +120,7 @@ class SplitAggregator(TaskEncoder[SplitMemory]):
             hidden = self.reader.prefixes(transitions, weights).hidden
             output = hidden[..., 1:, :]
         else:
-            output = self.reader(th.cat(transitions, dim=-1))
+            output = self.reader(th.cat(transitions.blanked(weights), dim=-1))
             hidden = F.pad(output[..., :0], (0, 0, 1, 0))
         output = th.where(counted > 0, output[..., self._n_passing :], 0.0)
         if self._reduce == "max":  # not below 0, where it starts
