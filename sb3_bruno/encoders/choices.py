@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, get_args
 
 
@@ -38,5 +39,6 @@ def check_layers(name: str, sizes: Any) -> None:
     Raises:
         ValueError: naming the argument and its value.
     """
-    if isinstance(sizes, int | str) or not all(isinstance(size, int) and size >= 1 for size in sizes):
+    is_list = isinstance(sizes, Sequence) and not isinstance(sizes, str)
+    if not is_list or not all(type(size) is int and size >= 1 for size in sizes):  # isinstance takes True for 1
         raise ValueError(f"`{name}` must hold the size of each layer, such as (128, 128), got {sizes!r}.")

@@ -10,13 +10,14 @@ a Strong Baseline for Many POMDPs (2022, arXiv 2110.05038). Deviations: ``docs/r
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, NamedTuple, TypedDict, get_args
+from typing import Any, ClassVar, Literal, NamedTuple, TypedDict
 
 import torch as th
 from torch import Tensor, nn
 from torch.nn import functional as F
 
 from sb3_bruno.encoders.base import Order, TaskEncoder, Teacher, Transitions
+from sb3_bruno.encoders.choices import check_choice, check_least
 from sb3_bruno.encoders.counted import counted_first, flat, prefixes_of_counted
 
 Cell = Literal["gru", "lstm"]
@@ -75,12 +76,10 @@ class RecurrentEncoder(TaskEncoder[RecurrentMemory]):
         max_grad_norm: float | None = 1.0,
     ) -> None:
         super().__init__()
-        if cell not in _CELLS:
-            raise ValueError(f"`cell` must be one of {get_args(Cell)}, got {cell!r}.")
+        check_choice("cell", cell, Cell)
         if learns_from not in ("critic", "actor"):
             raise ValueError(f"`learns_from` must be 'critic' or 'actor', got {learns_from!r}: it has no own loss.")
-        if hidden_size < 1:
-            raise ValueError(f"`hidden_size` must be at least 1, got {hidden_size}.")
+        check_least("hidden_size", hidden_size, 1)
         if max_grad_norm is not None and not max_grad_norm > 0:
             raise ValueError(f"`max_grad_norm` must be positive, got {max_grad_norm}: None never clips.")
         self.learns_from = learns_from

@@ -85,6 +85,7 @@ def test_taught_by_others_it_has_no_loss_and_still_standardises():
         ({"latent_dim": -1}, "`latent_dim` must be finite and at least 1, got -1"),
         ({"net_arch": 64}, r"`net_arch` must hold the size of each layer, such as \(128, 128\), got 64"),
         ({"net_arch": (0,)}, r"`net_arch` must hold the size of each layer, such as \(128, 128\), got \(0,\)"),
+        ({"net_arch": (True,)}, r"`net_arch` must hold the size of each layer, such as \(128, 128\), got \(True,\)"),
     ],
 )
 def test_what_cannot_be_is_refused(kwargs, told):

@@ -50,3 +50,18 @@ def test_a_whole_episode_that_does_not_count_leaves_the_start():
     encoder = make_encoder("gru")
     found = encoder.prefixes(transitions_of(2, 4), th.zeros(2, 4, dtype=th.float64))
     assert not found.hidden.any()
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "told"),
+    [
+        ({"cell": "rnn"}, "`cell` must be one of 'gru', 'lstm', got 'rnn'"),
+        ({"cell": ["gru"]}, r"`cell` must be one of 'gru', 'lstm', got \['gru'\]"),
+        ({"hidden_size": 0}, "`hidden_size` must be finite and at least 1, got 0"),
+        ({"learns_from": "own"}, "`learns_from` must be 'critic' or 'actor', got 'own': it has no own loss"),
+        ({"max_grad_norm": 0.0}, "`max_grad_norm` must be positive, got 0.0"),
+    ],
+)
+def test_what_cannot_be_is_refused(kwargs, told):
+    with pytest.raises(ValueError, match=told):
+        RecurrentEncoder(3, 2, **kwargs)

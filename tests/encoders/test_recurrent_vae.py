@@ -127,7 +127,7 @@ def test_the_belief_is_mean_and_log_variance():
         ({"latent_dim": 0}, "`latent_dim` must be finite and at least 1, got 0"),
         ({"kl_weight": -0.1}, "`kl_weight` must be finite and at least 0, got -0.1"),
         ({"kl_weight": float("nan")}, "`kl_weight` must be finite and at least 0, got nan"),
-        ({"hidden_size": 0}, "`hidden_size` must be at least 1, got 0"),
+        ({"hidden_size": 0}, "`hidden_size` must be finite and at least 1, got 0"),
     ],
 )
 def test_what_cannot_be_is_refused(kwargs, told):

@@ -174,7 +174,7 @@ def test_one_hot_tasks_are_learned():
         ({"belief": "mean"}, "`belief` must be one of 'features', 'moments', got 'mean'"),
         ({"feature_dim": 0}, "`feature_dim` must be finite and at least 1, got 0"),
         ({"bottleneck": -1.0}, "`bottleneck` must be finite and at least 0, got -1.0"),
-        ({"hidden_size": 0}, "`hidden_size` must be at least 1, got 0"),
+        ({"hidden_size": 0}, "`hidden_size` must be finite and at least 1, got 0"),
     ],
 )
 def test_what_cannot_be_is_refused(kwargs, told):
