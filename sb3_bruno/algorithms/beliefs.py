@@ -78,7 +78,7 @@ class AgentView:
             raise ValueError("`rewards` has shape (1,): give sequences, (..., time, 1), of time 1 for one transition.")
         with th.no_grad():
             memory = self.encoder.empty(observed.rewards.shape[:-2])
-            if observed.rewards.shape[-2] > 0:  # torch cannot run a flow on nothing
+            if observed.rewards.numel() > 0:  # torch cannot run a flow on nothing
                 memory = map_memory(lambda prefixes: prefixes[..., -1, :], self.encoder.prefixes(observed))
             return self._belief(memory)
 

@@ -132,7 +132,7 @@ class TaskEncoder(nn.Module, ABC, Generic[Memory]):
         """Make the memories of the first 0, 1, ..., time transitions: (..., time, dim) -> (..., time + 1, ...).
 
         A transition of weight 1 in weights (..., time) is absorbed, one of weight 0 is not. None: all are. An encoder
-        of order "any" absorbs one of weight k as if k times; k need not be whole.
+        of order "any" absorbs one of weight k as if k times; k need not be whole. One of order "time" absorbs it once.
         """
 
     @abstractmethod

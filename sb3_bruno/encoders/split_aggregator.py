@@ -117,6 +117,7 @@ class SplitAggregator(TaskEncoder[SplitMemory]):
             weights = th.ones_like(transitions.rewards[..., 0])
         counted = weights.unsqueeze(-1)
         if isinstance(self.reader, RecurrentEncoder):
+            counted = (counted > 0).to(counted)  # in an order, once
             hidden = self.reader.prefixes(transitions, weights).hidden
             output = hidden[..., 1:, :]
         else:

@@ -54,6 +54,8 @@ def test_no_transitions_give_the_prior():
     belief = model.infer(Transitions(np.zeros((0, 3)), np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 3))))
     np.testing.assert_allclose(belief.mean, 0)
     np.testing.assert_allclose(belief.var, 1, rtol=1e-5)
+    of_no_envs = model.infer(Transitions(*(np.zeros((0, 6, dim)) for dim in (3, 1, 1, 3))))
+    assert of_no_envs.mean.shape == (0, *belief.mean.shape)
 
 
 def test_batches_of_sets():

@@ -144,6 +144,17 @@ def test_a_transition_of_weight_zero_may_be_anything(encoder, anything):
     assert all(gradient.isfinite().all() for gradient in gradients)
 
 
+def test_a_transition_of_another_weight_counts_as_often_or_in_an_order_once(encoder):
+    transitions, weights = transitions_of(4, 9), weights_of(4, 9)
+    uneven = weights * th.linspace(0.5, 2.5, 9).double()
+    if encoder.order == "time":
+        other = encoder.prefixes(transitions, weights)
+    else:
+        twice = Transitions(*(column.repeat_interleave(2, dim=-2) for column in transitions))
+        other = map_memory(lambda x: x[:, ::2], encoder.prefixes(twice, uneven.repeat_interleave(2, dim=-1) / 2))
+    th.testing.assert_close(encoder.belief(encoder.prefixes(transitions, uneven)), encoder.belief(other))
+
+
 def test_order_matters_where_the_encoder_says_so_and_only_there(encoder):
     transitions = transitions_of(4, 20)
     turned = Transitions(*(column.flip(-2) for column in transitions))
