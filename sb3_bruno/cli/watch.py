@@ -38,8 +38,8 @@ class _Watched(NamedTuple):
     renders: bool
 
     @classmethod
-    def of(cls, chosen: Chosen) -> _Watched:
-        parser = Parser("sb3-bruno", add_help=False, allow_abbrev=False)
+    def of(cls, command: str, chosen: Chosen) -> _Watched:
+        parser = Parser(f"sb3-bruno {command}", add_help=False, allow_abbrev=False)
         parser.add_argument("-n", "--n-timesteps", type=whole_number(1), default=1000)
         parser.add_argument("--load-best", action="store_true")
         parser.add_argument("--no-render", action="store_true")
@@ -60,8 +60,8 @@ def enjoy(arguments: Arguments) -> None:
     from sb3_bruno.zoo.registry import register
 
     register()
-    chosen, exists = _as_trained(choose_env(arguments, {**DEFAULTS, "-f": "logs"}))
-    watched = _Watched.of(chosen)
+    chosen, exists = _as_trained("enjoy", choose_env(arguments, {**DEFAULTS, "-f": "logs"}))
+    watched = _Watched.of("enjoy", chosen)
     if exists and watched.renders and not _has_display():
         raise Mistake("there is no display here: give --no-render, or make a video by `sb3-bruno record-video`")
     make_env = _kept_env(rl_zoo3.utils.create_test_env, load_best=watched.load_best)
@@ -79,8 +79,8 @@ def record_video(arguments: Arguments) -> None:
     from sb3_bruno.zoo.registry import register
 
     register()
-    chosen, _ = _as_trained(choose_env(arguments, {**DEFAULTS, "-f": "logs"}))
-    watched = _Watched.of(chosen)
+    chosen, _ = _as_trained("record-video", choose_env(arguments, {**DEFAULTS, "-f": "logs"}))
+    watched = _Watched.of("record-video", chosen)
 
     def record() -> None:
         _rl_zoo3_record_video(watched)
@@ -88,7 +88,7 @@ def record_video(arguments: Arguments) -> None:
     call(record, "record-video", [*chosen.rest, "--env", chosen.env])
 
 
-def _as_trained(chosen: Chosen) -> tuple[Chosen, bool]:
+def _as_trained(command: str, chosen: Chosen) -> tuple[Chosen, bool]:
     """Choose the latest finished run unless one is chosen, and import the packages that it was trained with.
 
     Returns:
@@ -103,7 +103,7 @@ def _as_trained(chosen: Chosen) -> tuple[Chosen, bool]:
     from sb3_bruno.zoo.registry import check_registered, import_packages
     from sb3_bruno.zoo.trained import packages_of_run
 
-    parser = Parser("sb3-bruno", add_help=False, allow_abbrev=False)
+    parser = Parser(f"sb3-bruno {command}", add_help=False, allow_abbrev=False)
     parser.add_argument("--algo")
     parser.add_argument("-f", "--folder")
     parser.add_argument("--exp-id", type=whole_number(0, also=(-1,)), default=0)

@@ -208,7 +208,7 @@ def test_a_worker_gives_up_when_every_trial_fails(tmp_path, monkeypatch, capsys)
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["init", "--storage", "sqlite:///x.db", "-n", "9"], "give a journal file"),
+        (["init", "--storage", "sqlite:///x.db", "-n", "900"], "give a journal file"),
         (["init", "--storage", "x.log", "-n", "9", "--env", "Nope-v0"], "--env Nope-v0 is not registered"),
         (["init", "--storage", "x.log", "-n", "9", "--env", "PointDir-v0", "-params", "gama:1"], "gama"),
         (["run", "--storage", "x.log"], "no study s in x.log"),
