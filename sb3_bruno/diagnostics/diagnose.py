@@ -197,6 +197,8 @@ def _compare(view: AgentView, sequences: _Sequences, rng: np.random.Generator) -
     first = samples[:, 0, :, 0]
     predicted = np.stack([first.mean(axis=0), *np.quantile(first, INTERVAL, axis=0)])
     means = encoder.posterior(prefixes).mean.cpu().double().numpy()
+    is_over = np.isnan(np.asarray(sequences.transitions.rewards)[..., 0])
+    means[np.pad(is_over, ((0, 0), (1, 0)))] = np.nan
     return _Comparison(names, pit, means, real[0, :, 0], predicted)
 
 

@@ -244,10 +244,16 @@ def test_a_killed_run_is_resumed_exactly(run, tmp_path):
     ("arguments", "line"),
     [
         (["train", "--env", "Pointdir-v0"], "did you mean PointDir-v0?"),
-        (["train", "--env", "Mine-v0"], "Mine-v0 is not registered: name the package that does by --gym-packages"),
-        (["train", "--env", "my_envs:Mine-v0"], "--gym-packages my_envs cannot be imported"),
-        (["enjoy", "--env", "Mine-v0"], "Mine-v0 is not registered: name the package that does by --gym-packages"),
-        (["record-video", "--env", "Mine-v0"], "name the package that does by --gym-packages"),
+        (
+            ["train", "--env", "SomebodyElses-v0"],
+            "SomebodyElses-v0 is not registered: name the package that does by --gym-packages",
+        ),
+        (["train", "--env", "my_envs:SomebodyElses-v0"], "--gym-packages my_envs cannot be imported"),
+        (
+            ["enjoy", "--env", "SomebodyElses-v0"],
+            "SomebodyElses-v0 is not registered: name the package that does by --gym-packages",
+        ),
+        (["record-video", "--env", "SomebodyElses-v0"], "name the package that does by --gym-packages"),
         (["train", "--env", "PointDir-v0", "-n", "9", "-params", "learning_rat:1"], "`learning_rat`: did you mean"),
         (
             ["train", "-conf", "none.yml"],

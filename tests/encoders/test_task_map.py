@@ -20,7 +20,14 @@ def sequences_of(tasks: th.Tensor, time: int) -> TaskSequences:
 @pytest.fixture(scope="module")
 def encoder():
     th.manual_seed(0)
-    settings = {**SMALL, "flow_class": None, "net_arch": (64, 64), "n_weights": 6, "modelled": "rewards"}
+    settings = {
+        **SMALL,
+        "flow_class": None,
+        "flow_kwargs": None,
+        "net_arch": (64, 64),
+        "n_weights": 6,
+        "modelled": "rewards",
+    }
     encoder = BrunoEncoder.build(1, 2, 2, **settings)
     optimizer = th.optim.Adam(encoder.parameters(), lr=3e-3)
     for _ in range(1_500):
