@@ -20,7 +20,7 @@ from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, Rollout
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.algorithms.arguments import check_names, join_policy_kwargs, resolve_policy
-from sb3_bruno.algorithms.beliefs import BeliefQueries
+from sb3_bruno.algorithms.belief_queries import BeliefQueries
 from sb3_bruno.algorithms.carried import Carried, State
 from sb3_bruno.algorithms.checks import (
     check_algorithm,
