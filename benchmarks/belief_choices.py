@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,7 @@ def train(
 ) -> BrunoEncoder:
     """Train an encoder of observations and actions of ``dims``."""
     encoder = BrunoEncoder(*dims, **kwargs)
-    for _ in updates(encoder, buffer, n_updates, 16, learning_rate):
+    for _ in updates(encoder, partial(buffer.sample_sequences, 16), n_updates, learning_rate):
         pass
     return encoder.eval()
 

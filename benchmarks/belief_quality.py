@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 import torch as th
+from encoder_alone import updates
 from kept_runs import KeptRuns, Row
 from numpy.typing import NDArray
 from torch import Tensor
@@ -82,20 +83,16 @@ def train(encoder: TaskEncoder, logged: Logged, n_updates: int, seed: int) -> fl
     """Train an encoder on sequences of 16 episodes; return the processor time of an update, in ms."""
     if not any(parameter.requires_grad for parameter in encoder.parameters()):
         return 0.0  # a control that learns nothing
-    optimizer = th.optim.Adam(encoder.parameters(), lr=encoder.learning_rate)
     rng = np.random.default_rng(seed)
-    encoder.train()
-    start = time.process_time()
-    for _ in range(n_updates):
+
+    def draw() -> TaskSequences:
         rows = th.as_tensor(rng.choice(len(logged.tasks), 16, replace=False))
         sequences = Transitions(*(column[rows, :TRAINED] for column in logged.transitions))
-        loss = encoder.loss(TaskSequences(sequences, logged.tasks[rows]))
-        assert loss is not None, f"{type(encoder).__name__} learns from others"
-        optimizer.zero_grad()
-        loss.total.backward()
-        if encoder.max_grad_norm is not None:
-            th.nn.utils.clip_grad_norm_(encoder.parameters(), encoder.max_grad_norm)
-        optimizer.step()
+        return TaskSequences(sequences, logged.tasks[rows])
+
+    start = time.process_time()
+    for _ in updates(encoder, draw, n_updates, encoder.learning_rate):
+        pass
     encoder.eval()
     return 1e3 * (time.process_time() - start) / n_updates
 

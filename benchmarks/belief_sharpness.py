@@ -11,6 +11,7 @@ transitions by heart. The read-out is fitted on 800 other sequences of the same 
 from __future__ import annotations
 
 import argparse
+from functools import partial
 
 import numpy as np
 import torch as th
@@ -66,8 +67,9 @@ def main() -> None:
     )
     print(f"{'updates':>8} {'nats':>6}  right after {CONTEXTS} transitions: trained on | others")
     bounds = []
-    for update, bound in enumerate(updates(encoder, buffer, options.updates, 16, options.learning_rate), start=1):
-        bounds.append(bound)
+    draw = partial(buffer.sample_sequences, 16)
+    for update, loss in enumerate(updates(encoder, draw, options.updates, options.learning_rate), start=1):
+        bounds.append(loss.scalars["bound_nats"].item())
         if update % options.every == 0:
             trained, other = (
                 " ".join(f"{share:.2f}" for share in accuracy(encoder, data)) for data in (buffer, others)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,8 @@ import torch as th
 from numpy.typing import NDArray
 from stable_baselines3.common.env_util import make_vec_env
 
-from sb3_bruno import BrunoEncoder, BrunoSAC, TaskReplayBuffer
+from sb3_bruno import BrunoSAC, TaskReplayBuffer
+from sb3_bruno.encoders import Loss, TaskEncoder, TaskSequences
 
 
 def random_transitions(env_id: str, n: int, seed: int, sequence_length: int, **env_kwargs: Any) -> TaskReplayBuffer:
@@ -22,18 +23,19 @@ def random_transitions(env_id: str, n: int, seed: int, sequence_length: int, **e
 
 
 def updates(
-    encoder: BrunoEncoder, buffer: TaskReplayBuffer, n_updates: int, n_sequences: int, learning_rate: float
-) -> Iterator[float]:
-    """Train the encoder, and yield the bound at every update, in nats per transition."""
+    encoder: TaskEncoder, draw: Callable[[], TaskSequences], n_updates: int, learning_rate: float
+) -> Iterator[Loss]:
+    """Train an encoder with a loss of its own on the sequences that ``draw`` returns, and yield each update's loss."""
     optimizer = th.optim.Adam(encoder.parameters(), lr=learning_rate)
     for _ in range(n_updates):
-        loss = encoder.train().loss(buffer.sample_sequences(n_sequences))
+        loss = encoder.train().loss(draw())
+        assert loss is not None, f"{type(encoder).__name__} learns from others"
         optimizer.zero_grad()
         loss.total.backward()
         if encoder.max_grad_norm is not None:
             th.nn.utils.clip_grad_norm_(encoder.parameters(), encoder.max_grad_norm)
         optimizer.step()
-        yield loss.scalars["bound_nats"].item()
+        yield loss
 
 
 def read_out(means: NDArray[np.float32], targets: NDArray[Any], n_fit: int) -> NDArray[np.float64]:
