@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, TypeAlias, get_args
 
 import gymnasium as gym
@@ -25,7 +25,8 @@ class Family:
 
     Args:
         env_class: a Gymnasium environment with a method ``set_task(task)``, which is called before every reset. It may
-            have a static method ``name_task(task)``, which says what people call a task (see MetaTask).
+            have a static method ``name_task(task)``, which says what people call a task, and ``task_entries``, which
+            say what its numbers are, at least as many as a task has (see MetaTask).
         tasks: the family's own tasks: a TaskSet, a TaskSampler or an array-like ``(n, dim)``.
         task_sets: other sets of tasks by name, for ``gym.make(id, tasks=name)``. A set named ``"beyond"`` has the
             family's own training tasks, and test tasks outside their range. A published set is named after its paper.
@@ -61,6 +62,7 @@ class Family:
         self.n_episodes = n_episodes
         self._set_task = set_task
         self._name_task: Callable[[Task], str] | None = getattr(env_class, "name_task", None)
+        self._task_entries: Sequence[tuple[str, str]] | None = getattr(env_class, "task_entries", None)
 
     @property
     def metadata(self) -> dict[str, Any]:
@@ -99,6 +101,7 @@ class Family:
         own, task_sets = self.tasks_for(env_kwargs)
         if isinstance(tasks, str):
             own = tasks = self.named(tasks, task_sets)
+        space = own.space if task_space is None else task_space
         meta = MetaTask(
             self._make_bare(**env_kwargs),
             self._set_task,
@@ -106,7 +109,8 @@ class Family:
             split=split,
             draw=draw,
             name_task=self._name_task,
-            task_space=own.space if task_space is None else task_space,
+            task_entries=None if self._task_entries is None else self._task_entries[: space.shape[0]],
+            task_space=space,
         )
         if observe == "transition":
             return TransitionObservation(meta)

@@ -57,6 +57,7 @@ class OffPolicyArguments(TypedDict, Generic[EncoderArguments], total=False):
     encoder_learning_starts: int | None
     encoder_tau: float | None
     critic_input: CriticInput | None
+    task_readout: bool
 
 
 class EntropyArguments(OffPolicyArguments[EncoderArguments], Generic[EncoderArguments], total=False):

@@ -9,6 +9,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from sb3_bruno.algorithms.beliefs import AgentView, TaskBelief, check_question
 from sb3_bruno.algorithms.carried import State
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.algorithms.task_estimate import TaskEstimate, TaskLabels
 from sb3_bruno.encoders import Moments, Outcomes, Transitions
 
 
@@ -20,6 +21,7 @@ class BeliefQueries:
     """
 
     policy: TaskInferencePolicy
+    task_labels: TaskLabels
     _vec_normalize_env: VecNormalize | None
 
     def infer(self, transitions: Transitions) -> TaskBelief:
@@ -42,6 +44,33 @@ class BeliefQueries:
             ValueError: if ``state`` is none that ``predict`` returned, or the encoder has no posterior.
         """
         return self._view.carried(state)
+
+    def task_estimate(self, state: State) -> TaskEstimate:
+        """Read the task, in its own units, off the ``state`` that ``predict`` returned, batch shape (n_envs,).
+
+        For every encoder. The read-out was learned from the tasks of training beside the encoder.
+
+        Raises:
+            ValueError: if ``state`` is none that ``predict`` returned, or the agent has no read-out.
+
+        Example:
+            >>> action, state = model.predict(observation, state, episode_start)
+            >>> print(model.task_estimate(state).texts()[0])
+            velocity 1.91 ± 0.08 m/s
+        """
+        return self._view.read_task(self._view.remembered(state), self.task_labels)
+
+    def infer_task(self, transitions: Transitions) -> TaskEstimate:
+        """Read the task, in its own units, off any sequence of transitions: what ``infer`` is to ``belief``.
+
+        Args:
+            transitions: arrays or tensors (..., time, dim) in the env's own units, as ``infer`` takes them.
+
+        Raises:
+            ValueError: if an array has another shape or holds a number that is not finite, or the agent has no
+                read-out.
+        """
+        return self._view.read_task(self._view.remember(transitions), self.task_labels)
 
     def predict_outcomes(
         self,

@@ -16,6 +16,7 @@ from torch.distributions import Distribution
 from sb3_bruno.algorithms.carried import Carried, State
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.algorithms.reading import read_batch, read_numbers
+from sb3_bruno.algorithms.task_estimate import TaskEstimate, TaskLabels
 from sb3_bruno.algorithms.values import check_whole
 from sb3_bruno.buffers.numbers import check_numbers
 from sb3_bruno.buffers.observed import TransitionArrays, normalize, unnormalize
@@ -31,6 +32,7 @@ from sb3_bruno.encoders import (
 )
 from sb3_bruno.encoders.abilities import check_ability
 from sb3_bruno.encoders.base import AnyMemory, map_memory
+from sb3_bruno.encoders.task_readout import ListReadout
 
 
 class TaskBelief(NamedTuple):
@@ -70,6 +72,14 @@ class AgentView:
 
     def infer(self, transitions: Transitions) -> TaskBelief:
         """Compute the belief of a sequence of transitions, of shape (..., time, dim). Time 0 gives the prior."""
+        return self._belief(self.remember(transitions))
+
+    def carried(self, state: State) -> TaskBelief:
+        """Read the belief in a state that ``predict`` returned, batch shape (n_envs,)."""
+        return self._belief(self.remembered(state))
+
+    def remember(self, transitions: Transitions) -> AnyMemory:
+        """Compute what the encoder keeps of a sequence of transitions, of shape (..., time, dim)."""
         if not isinstance(transitions, tuple | list) or len(transitions) != len(Transitions._fields):
             raise ValueError(f"`transitions` is no `Transitions({', '.join(Transitions._fields)})`: give these four.")
         observed = self.observe(*transitions)
@@ -77,13 +87,13 @@ class AgentView:
         if observed.rewards.ndim < 2:
             raise ValueError("`rewards` has shape (1,): give sequences, (..., time, 1), of time 1 for one transition.")
         with th.no_grad():
-            memory = self.encoder.empty(observed.rewards.shape[:-2])
+            memory: AnyMemory = self.encoder.empty(observed.rewards.shape[:-2])
             if observed.rewards.numel() > 0:  # torch cannot run a flow on nothing
                 memory = map_memory(lambda prefixes: prefixes[..., -1, :], self.encoder.prefixes(observed))
-            return self._belief(memory)
+            return memory
 
-    def carried(self, state: State) -> TaskBelief:
-        """Read the belief in a state that ``predict`` returned, batch shape (n_envs,)."""
+    def remembered(self, state: State) -> AnyMemory:
+        """Read what the encoder keeps off a state that ``predict`` returned, batch shape (n_envs,)."""
         with th.no_grad():
             carried = Carried.unpack(state, self.encoder, self.policy.device)
             observation_dim = flatdim(self.policy.observation_space["observation"])
@@ -92,7 +102,22 @@ class AgentView:
                     f"`state` holds observations of shape {tuple(carried.observation.shape[1:])}, this model's have "
                     f"{(observation_dim,)}: pass back the state that its own `predict` returned."
                 )
-            return self._belief(carried.memory)
+            return carried.memory
+
+    def read_task(self, memory: AnyMemory, labels: TaskLabels) -> TaskEstimate:
+        """Read the task off what the encoder keeps."""
+        readout = self.policy.readout
+        if readout is None:
+            raise ValueError(
+                "The agent has no read-out of the task: it was saved without one. `fit_readout` learns one from a "
+                "replay buffer; new agents have one unless `task_readout=False`."
+            )
+        with th.no_grad():
+            read = readout.read(self.encoder, memory)
+        mean, std, probabilities = (None if told is None else told.cpu().numpy() for told in read)
+        assert mean is not None and std is not None  # for mypy
+        tasks = readout.tasks.cpu().numpy() if isinstance(readout, ListReadout) else None
+        return TaskEstimate(mean, std, tasks, probabilities, labels)
 
     def outcomes(
         self,
@@ -185,7 +210,8 @@ class AgentView:
 
     def _belief(self, memory: AnyMemory) -> TaskBelief:
         encoder: HasPosterior = check_ability(self.encoder, HasPosterior, "A belief to read")
-        return TaskBelief(encoder.posterior(memory), memory)
+        with th.no_grad():
+            return TaskBelief(encoder.posterior(memory), memory)
 
     def _unnormalize(self, samples: Outcomes) -> Outcomes:
         if self.vec_normalize is None:

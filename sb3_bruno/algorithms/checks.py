@@ -165,6 +165,13 @@ def _check_loaded(model: OffPolicyAlgorithm) -> None:
                 given, built = find_encoder(given), find_encoder(built)
             if (given or {}) != (built or {}):
                 raise ValueError(f"`{name}={given!r}` is not what the model was saved with, {built!r}: leave it out.")
+    if "task_readout" in vars(model):
+        given, built = vars(model).pop("task_readout"), model.policy_kwargs.get("readout") is not None
+        if given != built:
+            raise ValueError(
+                f"`task_readout={given}` does not fit a model that was saved {'with' if built else 'without'} a "
+                "read-out of the task: leave it out. `fit_readout` adds one."
+            )
     has_target, tau = model.policy_kwargs["target_encoder"], vars(model)["encoder_tau"]
     if tau is not None and not 0 < tau <= 1:
         raise ValueError(f"`encoder_tau` must be in (0, 1], got {tau}: None makes no target encoder.")

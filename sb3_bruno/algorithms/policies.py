@@ -6,7 +6,6 @@ The policy owns the task encoder, so that device, ``state_dict``, ``save`` and `
 from __future__ import annotations
 
 import copy
-import warnings
 from collections.abc import Mapping
 from typing import Any, ClassVar, SupportsFloat
 
@@ -22,12 +21,13 @@ from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 from sb3_bruno.algorithms.carried import Carried, State
 from sb3_bruno.algorithms.forgetting import absorb_or_forget
 from sb3_bruno.algorithms.lean_networks import LeanCritic, LeanSquashedGaussian
-from sb3_bruno.algorithms.reading import read_episode_start, read_observation
+from sb3_bruno.algorithms.reading import read_episode_start, read_observation, warn_of_state
 from sb3_bruno.buffers.extended_obs import CriticInput, ExtendedObs, SliceExtractor
 from sb3_bruno.buffers.numbers import check_numbers, place_in_env
 from sb3_bruno.buffers.transfer import to_device
 from sb3_bruno.encoders import BrunoEncoder, Predicts, TaskEncoder, Transitions, find_encoder
 from sb3_bruno.encoders.abilities import check_ability
+from sb3_bruno.encoders.task_readout import TaskReadout, make_readout
 
 POLICY_NAMES = ("MlpPolicy", "MultiInputPolicy")
 """Names of a policy in SB3. Both mean the same here: the observation is a Dict, and networks read flat slices of it."""
@@ -47,6 +47,8 @@ class TaskInferencePolicy(BasePolicy):
         target_encoder: whether there is a slow copy of the encoder, for the beliefs of next observations.
         critic_input: what critics read beside observation and action: "task", "belief" or "both". None: "belief"
             where the encoder learns from the critics, which then must read it, else "task".
+        readout: all tasks that there are as ``{"tasks": ...}``, or None in their place where they are many: makes
+            the read-out of the task. None: there is no read-out.
         forget_threshold: nats of evidence for another task at which ``predict`` forgets what came before; None:
             never. For tasks that switch in mid-episode; may be set on a trained policy. Training never forgets.
         **kwargs: arguments of the policy that this is mixed into.
@@ -64,6 +66,7 @@ class TaskInferencePolicy(BasePolicy):
     observation_space: spaces.Dict
     encoder: TaskEncoder
     encoder_target: TaskEncoder | None
+    readout: TaskReadout | None
     critic_input: CriticInput
     actor_kwargs: dict[str, Any]
     critic_kwargs: dict[str, Any]
@@ -79,6 +82,7 @@ class TaskInferencePolicy(BasePolicy):
         encoder_kwargs: Mapping[str, Any] | None = None,
         target_encoder: bool = False,
         critic_input: CriticInput | None = None,
+        readout: Mapping[str, Any] | None = None,
         forget_threshold: float | None = None,
         **kwargs: Any,
     ) -> None:
@@ -96,6 +100,7 @@ class TaskInferencePolicy(BasePolicy):
         self.encoder_kwargs = dict(encoder_kwargs or {})
         self._has_target_encoder = target_encoder
         self._given_critic_input = critic_input
+        self._readout_kwargs = readout
         super().__init__(observation_space, action_space, lr_schedule, **kwargs)
         self.forget_threshold = forget_threshold
 
@@ -131,6 +136,15 @@ class TaskInferencePolicy(BasePolicy):
         # After the actor: SB3 looks for a policy's device at its first parameter, four times in a rollout's step.
         self.encoder = encoder.eval()  # train mode is for its own updates
         self.encoder_target = copy.deepcopy(encoder).requires_grad_(False) if self._has_target_encoder else None
+        self.readout = None
+        if self._readout_kwargs is not None:
+            self.add_readout(self._readout_kwargs)
+
+    def add_readout(self, kwargs: Mapping[str, Any]) -> None:
+        """Make the read-out of the task, from what the argument ``readout`` says."""
+        self._readout_kwargs = kwargs
+        made = make_readout(self.encoder, spaces.flatdim(self.task_space), **kwargs)
+        self.readout = made.to(self.device).eval()
 
     def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
         extractor = SliceExtractor(self.layout.space, self.layout.actor_slices)
@@ -153,6 +167,7 @@ class TaskInferencePolicy(BasePolicy):
             encoder_kwargs=self.encoder_kwargs,
             target_encoder=self._has_target_encoder,
             critic_input=self.critic_input,
+            readout=self._readout_kwargs,
             forget_threshold=self.forget_threshold,
         )
         return data
@@ -231,20 +246,9 @@ class TaskInferencePolicy(BasePolicy):
         fresh = read_episode_start(episode_start, n_envs)
         start = parts["episode_start"].reshape(n_envs)
         began = start > 0  # also if VecNormalize has centred it
+        warn_of_state(start, fresh, has_state=carried is not None)
         if carried is None:
-            if not began.all():
-                warnings.warn(
-                    "`predict` was called in mid-episode without `state`, so the agent acts on its prior: pass back "
-                    "the state that the last call returned.",
-                    stacklevel=4,
-                )
             fresh = np.ones_like(began)
-        elif ((start == 1.0) & ~fresh).any():  # 0.5 begins another episode of the same task
-            warnings.warn(
-                "`predict` was called with a `state` from before the env's reset, so the agent takes the new task for "
-                "the old one: pass `episode_start=True` there. `sb3_bruno_envs.Trial` joins episodes of one task.",
-                stacklevel=4,
-            )
         began = began | fresh
         columns = [parts["observation"], parts["action"], parts["reward"], fresh[:, None], began[:, None]]
         here, action, reward, fresh_column, began_column = to_device(columns, self.device)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -98,3 +99,26 @@ def _batch_shapes(shape: tuple[int, ...], entry: tuple[int, ...]) -> set[tuple[i
     """Return what may come before an entry, in its own shape or flat, in an array of some shape."""
     endings = {entry, (math.prod(entry),)}
     return {shape[: len(shape) - len(end)] for end in endings if shape[len(shape) - len(end) :] == end}
+
+
+def warn_of_state(start: NDArray[Any], fresh: NDArray[np.bool_], *, has_state: bool) -> None:
+    """Warn whoever calls ``predict`` and has lost the state, or keeps that of another task.
+
+    Args:
+        start: the observation's own ``episode_start``, (n_envs,): 1 at the reset of a task, 0.5 where another episode
+            of the same task begins.
+        fresh: where the caller begins anew, (n_envs,).
+        has_state: whether a state was passed.
+    """
+    if not has_state and not (start > 0).all():
+        warnings.warn(
+            "`predict` was called in mid-episode without `state`, so the agent acts on its prior: pass back the state "
+            "that the last call returned.",
+            stacklevel=5,
+        )
+    if has_state and ((start == 1.0) & ~fresh).any():
+        warnings.warn(
+            "`predict` was called with a `state` from before the env's reset, so the agent takes the new task for the "
+            "old one: pass `episode_start=True` there. `sb3_bruno_envs.Trial` joins episodes of one task.",
+            stacklevel=5,
+        )

@@ -16,13 +16,13 @@ from torch import Tensor
 
 from sb3_bruno.algorithms.arguments import check_names
 from sb3_bruno.algorithms.checks import check_family
-from sb3_bruno.algorithms.encoder_training import EncoderTraining
+from sb3_bruno.algorithms.readout_training import ReadoutTraining
 from sb3_bruno.algorithms.values import check_none, check_values
 
 SelfSaving = TypeVar("SelfSaving", bound="Saving")
 
 
-class Saving(EncoderTraining):
+class Saving(ReadoutTraining):
     """Takes the encoder, its optimiser and what is carried along when an agent is saved. Part of ``TaskInference``."""
 
     _saved_by: list[str]
@@ -148,7 +148,7 @@ def _check_policy_kwargs(given: Mapping[str, Any] | None, saved: Mapping[str, An
         given: those that the constructor was given; those of task inference are arguments of its own.
         saved: all that the policy was built with.
     """
-    own = {"encoder_class", "encoder_kwargs", "target_encoder", "critic_input", "task_space", "use_sde"}
+    own = {"encoder_class", "encoder_kwargs", "target_encoder", "critic_input", "readout", "task_space", "use_sde"}
     built = {name: value for name, value in saved.items() if name not in own}
     written = {"forget_threshold": None, "n_critics": 2}  # by ``save`` and by SB3, where nothing was given
     if {**written, **(given or {})} != {**written, **built}:

@@ -34,6 +34,7 @@ from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.algorithms.policy_arguments import check_policy_kwargs
 from sb3_bruno.algorithms.rehearsal import warn_of_task_without_effect
 from sb3_bruno.algorithms.saving import Saving
+from sb3_bruno.algorithms.task_estimate import TaskLabels
 from sb3_bruno.algorithms.values import check_env, check_kinds, check_learning, check_values, warn_of_missing_gpu
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.buffers.extended_obs import CriticInput
@@ -64,6 +65,8 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
             observations are the target encoder's. None: there is none, they are the encoder's.
         critic_input: what critics read beside observation and action: "task", "belief" or "both". None: "belief" where
             the encoder learns from the critics, else "task".
+        task_readout: whether a small head learns to read the task off the belief, for ``task_estimate``. It teaches
+            the encoder nothing, and costs about a twentieth of the updates' time.
         **kwargs: keyword arguments of the algorithm that this is mixed into.
 
     An encoder that learns from the critics' or the actor's loss is updated with them, once per encode: batch size,
@@ -92,6 +95,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         encoder_learning_starts: int | None = None,
         encoder_tau: float | None = None,
         critic_input: CriticInput | None = None,
+        task_readout: bool = True,
         **kwargs: Any,
     ) -> None:
         check_names(type(self).__name__, kwargs, type(self), {"policy", "env"}, TypeError)
@@ -124,11 +128,14 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         self._has_absorbed, self._n_empty_episodes = False, 0
         self._carried: Carried | None = None
         self._next_carried: Carried | None = None
+        self._task_labels = TaskLabels()
+        self._readout_due = 0
         inference = {
             "encoder_class": encoder_class,
             "encoder_kwargs": encoder_kwargs,
             "target_encoder": encoder_tau is not None,
             "critic_input": critic_input,
+            "readout": {} if task_readout else None,
         }
         policy_class = resolve_policy(policy, self.policy_aliases)
         joined = join_policy_kwargs(kwargs.get("policy_kwargs"), inference)
@@ -144,6 +151,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         if self.env is not None:
             self.task_space = read_task_space(self.env, getattr(self, "task_space", None))
         self.policy_kwargs["task_space"] = self.task_space
+        self._describe_tasks()
         self.replay_buffer_class = self.replay_buffer_class or TaskReplayBuffer
         if find_encoder(self.policy_kwargs["encoder_class"]).order == "time":
             self.replay_buffer_kwargs = {"context": "episode", **self.replay_buffer_kwargs}
@@ -154,6 +162,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
             learned = optimizer.param_groups[0]["params"]
             self.ent_coef_optimizer = th.optim.Adam(learned, lr=self.lr_schedule(1), fused=True)
         self._setup_encoder_training()
+        self._setup_readout_training()
         self.bind_buffer()
         if self._carried is not None:  # loaded, as the arrays that ``save`` made of it
             self._carried = Carried.unpack(cast(State, self._carried), self.encoder, self.device)

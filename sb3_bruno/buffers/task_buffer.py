@@ -193,7 +193,7 @@ class TaskReplayBuffer(TaskRing):
         self, encoder: TaskEncoder, n_sequences: int, per_row: int, env: VecNormalize | None
     ) -> EncodedSequences:
         rows, drawn = self._context_rows(n_sequences)
-        slots, sequences = rows.slots, self._sequences(rows, drawn, env)
+        slots, sequences = rows.slots, self.sequences(rows, drawn, env)
         transitions, tasks, weights = sequences
         gradient = None
         noise = encoder.redraw(encoder.empty((n_sequences, 1)))
@@ -245,10 +245,10 @@ class TaskReplayBuffer(TaskRing):
         if n_sequences < 1:
             raise ValueError(f"`n_sequences={n_sequences}` is no number of sequences: give 1 or more.")
         if self._encoder is not None and self._encoder.order == "time":
-            return self._sequences(*self._context_rows(n_sequences), env)
-        return self._sequences(*self._exchangeable_rows(n_sequences), env)
+            return self.sequences(*self._context_rows(n_sequences), env)
+        return self.sequences(*self._exchangeable_rows(n_sequences), env)
 
-    def _sequences(self, rows: EpisodeRows, tasks: NDArray[np.float32], env: VecNormalize | None) -> TaskSequences:
+    def sequences(self, rows: EpisodeRows, tasks: NDArray[np.float32], env: VecNormalize | None) -> TaskSequences:
         """Gather sequences. Of episodes, a transition weighs as many as it tells of, and 0 if it was never absorbed."""
         slots, time = rows.slots, rows.slots.shape[1]
         columns = np.broadcast_to(tasks[:, None], (len(slots), time, tasks.shape[1]))

@@ -162,33 +162,37 @@ class TaskRing(ReplayBuffer):
         Returns:
             Slots (n_sequences, length) and tasks (n_sequences, task_dim).
         """
-        numbers = self._draw_tasks(n_sequences)
+        numbers = self._draw_tasks(n_sequences, self.rng)
         counts = self.tasks.counts(numbers)
         pools = counts if n_recent is None else np.minimum(counts, n_recent)
         places = (counts - pools)[:, None] + distinct_places(pools, length, self.rng)
         return self.tasks.slots(numbers, places), self.tasks.tasks(numbers)
 
-    def episode_rows(self, n_sequences: int, *, bounded: bool) -> tuple[EpisodeRows, NDArray[np.float32]]:
+    def episode_rows(
+        self, n_sequences: int, *, bounded: bool, rng: np.random.Generator | None = None
+    ) -> tuple[EpisodeRows, NDArray[np.float32]]:
         """Draw an episode each of tasks drawn uniformly with replacement, long ones more often than short ones.
 
         Args:
             n_sequences: number of tasks.
             bounded: whether to take only so many steps of long episodes that a belief may still rest on all of them.
+            rng: draws them; None: the buffer's own.
 
         Returns:
             The steps (n_sequences, time), and the tasks (n_sequences, task_dim).
         """
-        numbers = self._draw_tasks(n_sequences)
-        drawn = self.tasks.slots(numbers, self.rng.integers(self.tasks.counts(numbers)))
+        rng = self.rng if rng is None else rng
+        numbers = self._draw_tasks(n_sequences, rng)
+        drawn = self.tasks.slots(numbers, rng.integers(self.tasks.counts(numbers)))
         slots, lengths = self.episodes.holding(drawn)
-        rows = shortened(slots, lengths, drawn, self.rng) if bounded else whole(slots, lengths)
+        rows = shortened(slots, lengths, drawn, rng) if bounded else whole(slots, lengths)
         return rows, self.tasks.tasks(numbers)
 
-    def _draw_tasks(self, n_sequences: int) -> NDArray[np.int64]:
+    def _draw_tasks(self, n_sequences: int, rng: np.random.Generator) -> NDArray[np.int64]:
         """Draw the numbers of tasks, (n_sequences,)."""
         if len(self.tasks) == 0:
             raise RuntimeError("The replay buffer is empty: collect transitions before sampling.")
-        return self.tasks.draw(n_sequences, self.rng)
+        return self.tasks.draw(n_sequences, rng)
 
     # -- what they hold --------------------------------------------------------------------------------------
 

@@ -79,6 +79,8 @@ class CartpoleSwingUpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise ValueError(f"task={task!r} has no positive mass and length: give (kg, m), both above 0.")
         self.mass, self.length = mass, length
 
+    task_entries = (("cart", "kg"), ("pole", "m"))
+
     @staticmethod
     def name_task(task: ArrayLike) -> str:
         """Return the cart's mass and the pole's length."""

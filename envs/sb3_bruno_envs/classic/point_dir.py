@@ -42,6 +42,8 @@ class PointDirEnv(PointEnv):
         """Set the direction from a task ``(2,)``, a unit vector."""
         self.direction = np.array(task, dtype=np.float64)
 
+    task_entries = (("x", ""), ("y", ""))
+
     @staticmethod
     def name_task(task: ArrayLike) -> str:
         """Return ``"right"``, ``"left"``, ``"up"`` or ``"down"``, or the angle of another direction."""

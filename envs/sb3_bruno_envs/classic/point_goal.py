@@ -41,6 +41,8 @@ class PointGoalEnv(PointMassEnv):
         """Set the goal from a task ``(dim,)``, its position."""
         self.goal = np.array(task, dtype=np.float64)
 
+    task_entries = (("goal x", ""), ("goal y", ""), ("goal z", ""))
+
     @staticmethod
     def name_task(task: ArrayLike) -> str:
         """Return the coordinates of the goal."""

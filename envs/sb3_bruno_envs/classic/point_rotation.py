@@ -33,6 +33,8 @@ class PointRotationEnv(PointMassEnv):
         """Set the angle from a task ``(2,)``, its cosine and sine."""
         self.cos, self.sin = np.array(task, dtype=np.float64)
 
+    task_entries = (("cosine", ""), ("sine", ""))
+
     @staticmethod
     def name_task(task: ArrayLike) -> str:
         """Return the angle."""

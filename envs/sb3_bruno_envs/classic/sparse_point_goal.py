@@ -48,6 +48,8 @@ class SparsePointGoalEnv(PointEnv):
         """Set the goal from a task ``(2,)``, its position."""
         self.goal = np.array(task, dtype=np.float64)
 
+    task_entries = (("goal x", ""), ("goal y", ""))
+
     @staticmethod
     def name_task(task: ArrayLike) -> str:
         """Return the angle of the goal, seen from the start."""

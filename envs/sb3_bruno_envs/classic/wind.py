@@ -47,6 +47,8 @@ class WindEnv(PointEnv):
         """Set the wind from a task ``(2,)``, how far it blows the point per step."""
         self.wind = np.array(task, dtype=np.float64)
 
+    task_entries = (("wind x", ""), ("wind y", ""))
+
     @staticmethod
     def name_task(task: ArrayLike) -> str:
         """Return the wind per step."""

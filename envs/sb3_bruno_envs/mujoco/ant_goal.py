@@ -47,6 +47,8 @@ class AntGoalEnv(MetaAntEnv):
         x, y = np.array(task, dtype=np.float64)
         self.goal = np.array([x, y])
 
+    task_entries = (("goal x", "m"), ("goal y", "m"))
+
     @staticmethod
     def name_task(task: ArrayLike) -> str:
         """Return the coordinates of the goal."""

@@ -42,6 +42,8 @@ class CheetahGravityEnv(MetaHalfCheetahEnv):
         factor = gravity[0] / np.float32(EARTH)  # in the precision of tasks, so that it is 1 for Earth's
         self.model.opt.gravity[:] = float(factor) * self.original_model.opt.gravity
 
+    task_entries = (("gravity", "m/s^2"),)
+
     @staticmethod
     def name_task(task: ArrayLike) -> str:
         """Return the gravity."""

@@ -46,6 +46,8 @@ class CheetahParamsEnv(MetaHalfCheetahEnv):
         mass, damping, friction, strength = factors
         scale_physics(self, mass=mass, damping=damping, friction=friction, gear=strength)
 
+    task_entries = (("mass", ""), ("damping", ""), ("friction", ""), ("strength", ""))
+
     @staticmethod
     def name_task(task: ArrayLike) -> str:
         """Return the four factors."""

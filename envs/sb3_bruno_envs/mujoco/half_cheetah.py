@@ -56,6 +56,8 @@ class CheetahDirEnv(MetaHalfCheetahEnv):
         backward, forward = np.asarray(task, dtype=np.float64).tolist()
         self.direction = forward - backward
 
+    task_entries = (("backward", ""), ("forward", ""))
+
     @staticmethod
     def name_task(task: ArrayLike) -> str:
         """Return ``"forward"`` or ``"backward"``."""
@@ -75,6 +77,8 @@ class CheetahVelEnv(MetaHalfCheetahEnv):
     def set_task(self, task: ArrayLike) -> None:
         """Set the target velocity from a task ``(1,)``, in m/s."""
         (self.velocity,) = np.asarray(task, dtype=np.float64).tolist()
+
+    task_entries = (("velocity", "m/s"),)
 
     @staticmethod
     def name_task(task: ArrayLike) -> str:

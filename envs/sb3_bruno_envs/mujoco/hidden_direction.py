@@ -40,6 +40,8 @@ class HiddenDirection(ExactState):
             raise ValueError(f"task={task!r} is no direction: give two numbers of length 1, such as [0.6, 0.8].")
         self.direction = direction
 
+    task_entries = (("x", ""), ("y", ""))
+
     @staticmethod
     def name_task(task: ArrayLike) -> str:
         """Return ``"forward"``, ``"backward"``, ``"left"`` or ``"right"``, or the angle of another direction."""

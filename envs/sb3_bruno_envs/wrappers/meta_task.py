@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, SupportsFloat, TypeAlias, get_args
 
 import gymnasium as gym
@@ -57,6 +57,8 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         name_task: what people call a task, ``name_task(task)``, such as ``"1.9 m/s"``; it goes to
             ``info["task_name"]``, and from there to logs, tables and figures. Give different tasks different names.
             None: tasks have no names.
+        task_entries: name and unit of each number of a task, such as ``[("velocity", "m/s")]``, with which an agent
+            says what it takes the task for.
 
     Raises:
         ValueError: if an argument is invalid, endless tasks should cycle, a task is outside ``task_space``, or there is
@@ -83,6 +85,7 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         when: When = "before_reset",
         unwrap: bool = True,
         name_task: Callable[[Task], str] | None = None,
+        task_entries: Sequence[tuple[str, str]] | None = None,
     ) -> None:
         check_split(split)
         if draw not in get_args(Draw):
@@ -116,6 +119,7 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             when=when,
             unwrap=unwrap,
             name_task=name_task,
+            task_entries=task_entries,
         )
         super().__init__(env)
         self._apply_task = apply_task
@@ -125,6 +129,7 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._when: When = when
         self._unwrap = unwrap
         self._name_task = name_task
+        self.task_entries = None if task_entries is None else _read_entries(task_entries, distribution.space)
         self._task_name: str | None = None  # of the current episode
         self._task: Task | None = None  # of the current episode
         self._task_index = -1
@@ -167,7 +172,7 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             self._restart_drawing(seed)
         self._task = self._next_task() if given is None else given
         self._task_index = self._index_of(self._task)
-        self._task_name = None if self._name_task is None else self._named(self._name_task)
+        self._task_name = self.name_of(self._task)
         if self._draw == "fixed":
             self._kept = self._task
         if self._when == "before_reset":
@@ -221,13 +226,30 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         """Return the first row of the split's finite set that equals ``task``, or -1."""
         return self._distribution.index(task, self._split) if isinstance(self._distribution, TaskSet) else -1
 
-    def _named(self, name_task: Callable[[Task], str]) -> str:
-        """Return the name of the current task."""
-        name = name_task(self.task)
+    def name_of(self, task: Task) -> str | None:
+        """Return what people call a task, ``(dim,)``; None if tasks have no names.
+
+        Raises:
+            ValueError: if ``name_task`` returns no text.
+        """
+        if self._name_task is None:
+            return None
+        name = self._name_task(task.copy())
         if not isinstance(name, str) or not name:
-            raise ValueError(f"name_task({self.task}) returned {name!r}: return a text, such as 'forward'.")
+            raise ValueError(f"name_task({task}) returned {name!r}: return a text, such as 'forward'.")
         return name
 
     def _with_task(self, info: dict[str, Any]) -> dict[str, Any]:
         named = {} if self._task_name is None else {"task_name": self._task_name}
         return {**info, "task": self.task, "task_index": self._task_index, **named}
+
+
+def _read_entries(entries: Sequence[tuple[str, str]], space: Box) -> tuple[tuple[str, str], ...]:
+    """Return name and unit of each number of a task; a ValueError refuses what is none, or not one for each."""
+    read = tuple(tuple(entry) for entry in entries if not isinstance(entry, str))
+    pairs = tuple((name, unit) for name, unit in (entry for entry in read if len(entry) == 2))
+    if len(pairs) != len(entries) or not all(isinstance(text, str) for pair in pairs for text in pair):
+        raise ValueError(f"task_entries={entries!r} are no pairs of name and unit, such as [('velocity', 'm/s')].")
+    if space.shape != (len(pairs),):
+        raise ValueError(f"task_entries={entries!r} name {len(pairs)} numbers, and tasks have shape {space.shape}.")
+    return pairs

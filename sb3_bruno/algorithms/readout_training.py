@@ -1,0 +1,171 @@
+"""Trains the read-out of the task beside the encoder, which it teaches nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch as th
+from torch import Tensor
+
+from sb3_bruno.algorithms.encoder_training import EncoderTraining
+from sb3_bruno.algorithms.task_estimate import TaskLabels, few_tasks, read_labels
+from sb3_bruno.algorithms.values import check_whole
+from sb3_bruno.buffers.sampled_episodes import sample_episodes
+from sb3_bruno.buffers.transfer import to_device
+from sb3_bruno.encoders.task_readout import TaskReadout
+
+EVERY = 8
+"""Updates of the actor-critic for each of the read-out."""
+N_EPISODES = 8
+"""Episodes per update."""
+N_STEPS = 8
+"""Steps drawn of each episode, early ones more often: there beliefs differ most."""
+LOGGED = (1, 5, 20)
+"""Transitions after which the error is logged; these steps are always among those drawn."""
+LEARNING_RATE = 3e-3
+
+
+class ReadoutTraining(EncoderTraining):
+    """Owns the read-out's optimiser and makes its updates. A part of the mixin ``TaskInference``.
+
+    It learns from episodes of the replay buffer, encoded as the agent met them, and from the tasks that are stored
+    there. Its random numbers are its own, so an agent is the same with and without it.
+    """
+
+    _task_labels: TaskLabels
+    _readout_due: int
+    _readout_rng: np.random.Generator
+
+    @property
+    def task_labels(self) -> TaskLabels:
+        """What the tasks that the agent was trained on are called."""
+        names, units, tasks = self._task_labels  # lists, of a model that was loaded
+        return TaskLabels(tuple(names), tuple(units), tuple(tasks))
+
+    def _describe_tasks(self) -> None:
+        """Ask the env what the read-out has to tell, unless that is known from before."""
+        if self.env is None or self.policy_kwargs.get("readout") != {}:
+            return
+        tasks = few_tasks(self.env)
+        self.policy_kwargs["readout"] = {"tasks": None if tasks is None else tasks.tolist()}
+        self._task_labels = read_labels(self.env, tasks)
+
+    def _setup_readout_training(self) -> None:
+        """Make the read-out's optimiser, if there is a read-out."""
+        if self.policy.readout is not None:
+            self.readout_optimizer = th.optim.Adam(self.policy.readout.parameters(), lr=LEARNING_RATE, fused=True)
+            if not hasattr(self, "_readout_rng"):  # of a model that is made, not loaded
+                self._readout_rng = np.random.default_rng(self.seed)
+
+    def train(self, gradient_steps: int, batch_size: int = 64) -> None:
+        """Update the encoder and the actor-critic, and every eighth time the read-out of the task.
+
+        Raises:
+            TypeError: if an argument is no whole number.
+            ValueError: if ``gradient_steps`` is negative, or ``batch_size`` not positive.
+        """
+        super().train(gradient_steps, batch_size)
+        if self.policy.readout is None:
+            return
+        self._readout_due += gradient_steps
+        n_updates, self._readout_due = divmod(self._readout_due, EVERY)
+        if n_updates:
+            self._record(self._train_readout(self.policy.readout, n_updates))
+
+    def fit_readout(self, n_updates: int = 1_000) -> None:
+        """Train the read-out of the task alone, on the replay buffer; make one if the agent has none.
+
+        For an agent that was trained without one, and to fit it closer once the encoder has come to rest.
+
+        Args:
+            n_updates: of eight episodes each.
+
+        Raises:
+            TypeError: if ``n_updates`` is no whole number.
+            ValueError: if it is not positive, the replay buffer is empty, or the agent has no env to ask for its tasks.
+
+        Example:
+            >>> model = BrunoSAC.load("agent", env=env, learning_starts=0, gradient_steps=0)
+            >>> model.learn(20_000)  # acts only
+            >>> model.fit_readout()
+        """
+        check_whole("n_updates", n_updates, 1)
+        if self.replay_buffer is None or self.replay_buffer.size() == 0:
+            raise ValueError("The replay buffer is empty: collect transitions, or load a replay buffer first.")
+        if self.policy.readout is None:
+            self._add_readout()
+        assert self.policy.readout is not None  # for mypy: it was added
+        self._train_readout(self.policy.readout, n_updates)
+
+    def _add_readout(self) -> None:
+        if self.env is None:
+            raise ValueError("The agent has no env to ask what its tasks are: load it with `env=...`.")
+        self.policy_kwargs["readout"] = {}
+        self._describe_tasks()
+        self.policy.add_readout(self.policy_kwargs["readout"])
+        self._setup_readout_training()
+
+    def _train_readout(self, readout: TaskReadout, n_updates: int) -> Mapping[str, Tensor]:
+        """Make updates; return what to log of the last one, by name."""
+        readout.train()
+        try:
+            for _ in range(n_updates):
+                scalars = self._update_readout(readout)
+        finally:
+            readout.eval()
+        return scalars
+
+    def _update_readout(self, readout: TaskReadout) -> Mapping[str, Tensor]:
+        told = sample_episodes(
+            self.replay_buffer,
+            N_EPISODES,
+            bounded=self.encoder.order == "any",
+            rng=self._readout_rng,
+            env=self._vec_normalize_env,
+        )
+        transitions, tasks, weights = told.sequences
+        with th.no_grad():
+            features = readout.features(self.encoder, self.encoder.prefixes(transitions, weights))
+        columns, counts = _draw_columns(told.is_read, self._readout_rng)
+        places, counted, is_spared = to_device([columns, counts, told.is_spared[:, None]], self.device)
+        features = features.take_along_dim(places.long().unsqueeze(-1), dim=1)
+        loss = readout.loss(features, tasks, counted, is_spared > 0)
+        self.readout_optimizer.zero_grad()
+        loss.backward()
+        self.readout_optimizer.step()
+        scalars = {"readout/nats": -loss.detach()}
+        with th.no_grad():
+            error = readout.error(readout(features), tasks.unsqueeze(-2))
+        for place, n in enumerate(LOGGED):
+            if counts[:, place].any():
+                scalars[f"readout/error_after_{n}"] = error[counts[:, place] > 0, place].mean()
+        return scalars
+
+    def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
+        state_dicts, variables = super()._get_torch_save_params()
+        return [*state_dicts, *(["readout_optimizer"] if self.policy.readout is not None else [])], variables
+
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "readout_optimizer"]
+
+
+def _draw_columns(is_read: Any, rng: np.random.Generator) -> tuple[Any, Any]:
+    """Draw which prefixes of each row to read: those of ``LOGGED``, then ``N_STEPS`` others, early ones more often.
+
+    Args:
+        is_read: where the belief before a step is that of all steps before it, (n, time).
+        rng: draws them.
+
+    Returns:
+        Columns, and whether each counts, float32: both (n, 3 + N_STEPS). A prefix that a row lacks does not count.
+    """
+    n, time = is_read.shape
+    begin, length = np.argmax(is_read, axis=1)[:, None], is_read.sum(axis=1)[:, None]
+    rank = np.floor((length + 1) ** rng.random((n, N_STEPS))).astype(np.int64) - 1
+    drawn = begin + np.minimum(rank, length - 1)
+    logged = np.broadcast_to(np.minimum(LOGGED, time - 1), (n, len(LOGGED)))
+    exists = (np.array(LOGGED) < begin + length) & (begin == 0)
+    counts = np.pad(exists, ((0, 0), (0, N_STEPS)), constant_values=True)
+    return np.concatenate([logged, drawn], axis=1), counts.astype(np.float32)

@@ -1,0 +1,200 @@
+"""Reads the task off what an encoder keeps, for people: a small head on any encoder, which teaches the encoder nothing.
+
+Where the training tasks are few, the head tells how probable each of them is; elsewhere it tells a density over tasks.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import torch as th
+from torch import Tensor, nn
+from torch.distributions import Categorical, Independent, MixtureSameFamily, Normal
+from torch.nn import functional as F
+from zuko.nn import MLP
+
+from sb3_bruno.encoders.abilities import HasPosterior
+from sb3_bruno.encoders.base import TaskEncoder
+from sb3_bruno.encoders.task_heads import GaussianHead
+from sb3_bruno.maths.standardize import Standardize
+
+N_COMPONENTS = 4
+"""Gaussians of a density over tasks, which may have several modes: left or right, before any evidence."""
+LARGEST_LOG_VAR = 20.0
+"""Nats up to which the log of a variance is read: a Student-t's may be infinite."""
+
+
+class Reading(NamedTuple):
+    """What a read-out takes the task for, in the task's own units, batch shape (...).
+
+    Attributes:
+        mean: (..., task_dim).
+        std: standard deviation of each entry, (..., task_dim).
+        probabilities: of each of the few tasks, (..., n_tasks); None where tasks are not few.
+    """
+
+    mean: Tensor
+    std: Tensor
+    probabilities: Tensor | None
+
+
+class TaskReadout(nn.Module, ABC):
+    """Creates a read-out: one hidden layer and a linear path beside it, on standardised features of a memory.
+
+    Args:
+        feature_dim: size of ``features``.
+        hidden_size: width of the hidden layer.
+    """
+
+    def __init__(self, feature_dim: int, hidden_size: int = 64) -> None:
+        super().__init__()
+        self.standardize = Standardize(feature_dim)
+        self.network = MLP(feature_dim, hidden_size, (hidden_size,), activation=nn.SiLU)
+        self.joined_dim = feature_dim + hidden_size
+
+    @staticmethod
+    def features(encoder: TaskEncoder, memory: Any) -> Tensor:
+        """Return what is read, (..., feature_dim): mean and log-variance of the posterior; without one, the belief."""
+        if not isinstance(encoder, HasPosterior):
+            return encoder.belief(memory)
+        posterior = encoder.posterior(memory)
+        log_var = posterior.variance.clamp(min=th.finfo(th.float32).tiny).log()
+        return th.cat([posterior.mean, log_var.clamp(-LARGEST_LOG_VAR, LARGEST_LOG_VAR)], dim=-1)
+
+    def read(self, encoder: TaskEncoder, memory: Any) -> Reading:
+        """Read the task off a memory, batch shape (...)."""
+        reading: Reading = self(self.features(encoder, memory))
+        return reading
+
+    @abstractmethod
+    def forward(self, features: Tensor) -> Reading:
+        """Read the task off features (..., feature_dim)."""
+
+    @abstractmethod
+    def loss(self, features: Tensor, tasks: Tensor, counts: Tensor, is_spared: Tensor) -> Tensor:
+        """Return minus the log score of the true tasks, in nats. In training mode, move the running statistics too.
+
+        Args:
+            features: without gradient, (batch, time, feature_dim).
+            tasks: (batch, task_dim).
+            counts: whether each counts, (batch, time).
+            is_spared: which tasks tell how wide the intervals must be, (batch, 1): what is read must not fit them.
+
+        Returns:
+            Shape ().
+        """
+
+    @abstractmethod
+    def error(self, reading: Reading, tasks: Tensor) -> Tensor:
+        """Tell how far readings (batch, ...) are off the tasks (batch, ..., task_dim), (batch, ...); 0 is perfect."""
+
+    def _joined(self, features: Tensor) -> Tensor:
+        standard = self.standardize(features)
+        return th.cat([standard, self.network(standard)], dim=-1)
+
+
+class DensityReadout(TaskReadout):
+    """Creates a read-out of tasks of any kind: a mixture of Gaussians, as wide as its misses on tasks it did not fit.
+
+    The tasks that are spared teach one number per entry, by which all standard deviations are multiplied. Without it
+    a head that has learned a few tasks by heart is sure of each, and of the nearest of them where the task is new.
+
+    Args:
+        feature_dim: size of ``features``.
+        task_dim: size of the task vector.
+    """
+
+    def __init__(self, feature_dim: int, task_dim: int) -> None:
+        super().__init__(feature_dim)
+        self.head = GaussianHead(self.joined_dim, task_dim, N_COMPONENTS)
+        self.log_widen = nn.Parameter(th.zeros(task_dim))
+
+    def forward(self, features: Tensor) -> Reading:
+        told = self._density(features, self.log_widen)
+        return Reading(told.mean, told.stddev, None)
+
+    def loss(self, features: Tensor, tasks: Tensor, counts: Tensor, is_spared: Tensor) -> Tensor:
+        if self.training:
+            self.standardize.update(features)
+            self.head.update(tasks)
+        wanted = tasks.unsqueeze(-2)
+        fitted = self._density(features, self.log_widen.detach()).log_prob(wanted)
+        with th.no_grad():
+            joined = self._joined(features)
+        widened = self._density(features, self.log_widen, known=joined).log_prob(wanted)
+        nats = th.where(is_spared, widened, fitted)
+        loss: Tensor = -(counts * nats).sum() / counts.sum().clamp(min=1)
+        return loss
+
+    def error(self, reading: Reading, tasks: Tensor) -> Tensor:
+        """Return the root mean square of the miss over the entries, where 1 is as much as the tasks vary."""
+        return ((reading.mean - tasks) / self.head.standardize.std).square().mean(dim=-1).sqrt()
+
+    def _density(self, features: Tensor, log_widen: Tensor, known: Tensor | None = None) -> MixtureSameFamily:
+        """Return the density; with what is ``known`` of the joined features, nothing but ``log_widen`` is taught."""
+        if known is None:
+            told = self.head(self._joined(features))
+        else:
+            with th.no_grad():
+                told = self.head(known)
+        each = told.component_distribution.base_dist
+        widened = Independent(Normal(each.loc, each.scale * log_widen.exp()), 1)
+        return MixtureSameFamily(told.mixture_distribution, widened)
+
+
+class ListReadout(TaskReadout):
+    """Creates a read-out of few tasks: how probable each of a list is.
+
+    Args:
+        feature_dim: size of ``features``.
+        tasks: the list, (n_tasks, task_dim).
+    """
+
+    tasks: Tensor
+
+    def __init__(self, feature_dim: int, tasks: Tensor) -> None:
+        super().__init__(feature_dim)
+        self.register_buffer("tasks", tasks)
+        self.logits = nn.Linear(self.joined_dim, len(tasks))
+
+    def forward(self, features: Tensor) -> Reading:
+        probabilities = self.logits(self._joined(features)).softmax(dim=-1)
+        mean = probabilities @ self.tasks
+        var = probabilities @ self.tasks.square() - mean.square()
+        return Reading(mean, var.clamp(min=0).sqrt(), probabilities)
+
+    def loss(self, features: Tensor, tasks: Tensor, counts: Tensor, is_spared: Tensor) -> Tensor:
+        if self.training:
+            self.standardize.update(features)
+        place = self._place(tasks).unsqueeze(-1).expand(counts.shape)
+        nats = Categorical(logits=self.logits(self._joined(features))).log_prob(place)
+        loss: Tensor = -(counts * nats).sum() / counts.sum().clamp(min=1)
+        return loss
+
+    def error(self, reading: Reading, tasks: Tensor) -> Tensor:
+        """Return 1 minus the probability of the true task."""
+        assert reading.probabilities is not None  # for mypy: it is this read-out's
+        is_true = F.one_hot(self._place(tasks), len(self.tasks))
+        error: Tensor = 1 - (reading.probabilities * is_true).sum(dim=-1)
+        return error
+
+    def _place(self, tasks: Tensor) -> Tensor:
+        """Return which of the list each task (..., task_dim) is, or is nearest to, (...)."""
+        return (tasks.unsqueeze(-2) - self.tasks).square().sum(dim=-1).argmin(dim=-1)
+
+
+def make_readout(encoder: TaskEncoder, task_dim: int, tasks: Sequence[Sequence[float]] | None) -> TaskReadout:
+    """Make the read-out for an encoder, with random numbers that no one else misses.
+
+    Args:
+        encoder: whose memory is read.
+        task_dim: size of the task vector.
+        tasks: all tasks that there are, where these are few; else None.
+    """
+    with th.random.fork_rng(devices=()), th.no_grad():
+        feature_dim = TaskReadout.features(encoder, encoder.empty()).shape[-1]
+        if tasks is None:
+            return DensityReadout(feature_dim, task_dim)
+        return ListReadout(feature_dim, th.tensor(tasks, dtype=th.float32).reshape(-1, task_dim))
