@@ -36,6 +36,7 @@ class ReadoutTraining(EncoderTraining):
 
     _task_labels: TaskLabels
     _readout_due: int
+    _readout_scalars: Mapping[str, Tensor]
     _readout_rng: np.random.Generator
 
     @property
@@ -66,13 +67,17 @@ class ReadoutTraining(EncoderTraining):
             TypeError: if an argument is no whole number.
             ValueError: if ``gradient_steps`` is negative, or ``batch_size`` not positive.
         """
+        check_whole("gradient_steps", gradient_steps, 0)
+        check_whole("batch_size", batch_size, 1)
+        if self.policy.readout is not None:
+            n_updates, self._readout_due = divmod(self._readout_due + gradient_steps, EVERY)
+            if n_updates > 0:
+                self._readout_scalars = self._train_readout(self.policy.readout, n_updates)
         super().train(gradient_steps, batch_size)
-        if self.policy.readout is None:
-            return
-        self._readout_due += gradient_steps
-        n_updates, self._readout_due = divmod(self._readout_due, EVERY)
-        if n_updates:
-            self._record(self._train_readout(self.policy.readout, n_updates))
+
+    def _record(self, scalars: Mapping[str, Tensor]) -> None:
+        read, self._readout_scalars = self._readout_scalars, {}
+        super()._record({**scalars, **read})  # all in one transfer
 
     def fit_readout(self, n_updates: int = 1_000) -> None:
         """Train the read-out of the task alone, on the replay buffer; make one if the agent has none.
@@ -138,10 +143,9 @@ class ReadoutTraining(EncoderTraining):
         scalars = {"readout/nats": -loss.detach()}
         with th.no_grad():
             error = readout.error(readout(features), tasks.unsqueeze(-2))
-        for place, n in enumerate(LOGGED):
-            if counts[:, place].any():
-                scalars[f"readout/error_after_{n}"] = error[counts[:, place] > 0, place].mean()
-        return scalars
+            means = (counted * error).sum(dim=0) / counted.sum(dim=0)
+        exists = counts.any(axis=0)
+        return scalars | {f"readout/error_after_{n}": means[i] for i, n in enumerate(LOGGED) if exists[i]}
 
     def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
         state_dicts, variables = super()._get_torch_save_params()

@@ -130,6 +130,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         self._next_carried: Carried | None = None
         self._task_labels = TaskLabels()
         self._readout_due = 0
+        self._readout_scalars: Mapping[str, th.Tensor] = {}
         inference = {
             "encoder_class": encoder_class,
             "encoder_kwargs": encoder_kwargs,

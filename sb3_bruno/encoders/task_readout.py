@@ -120,7 +120,8 @@ class DensityReadout(TaskReadout):
             self.standardize.update(features)
             self.head.update(tasks)
         wanted = tasks.unsqueeze(-2)
-        fitted = self._density(features, self.log_widen.detach()).log_prob(wanted)
+        # Not widened: else the head would learn to be as much too sure as it is widened.
+        fitted = self._density(features, th.zeros_like(self.log_widen)).log_prob(wanted)
         with th.no_grad():
             joined = self._joined(features)
         widened = self._density(features, self.log_widen, known=joined).log_prob(wanted)
