@@ -48,7 +48,7 @@ class _Watched(NamedTuple):
 
 
 def enjoy(arguments: Arguments) -> None:
-    """Watch a trained agent, as rl_zoo3 does.
+    """Watch a trained agent, as rl_zoo3 does. It tells what it takes the task for as it acts.
 
     example: sb3-bruno enjoy --algo bruno_sac --env CheetahDir-v0 -f logs -n 400
     """
@@ -58,6 +58,7 @@ def enjoy(arguments: Arguments) -> None:
     import rl_zoo3.utils
 
     from sb3_bruno.zoo.registry import register
+    from sb3_bruno.zoo.telling import telling
 
     register()
     chosen, exists = _as_trained("enjoy", choose_env(arguments, {**DEFAULTS, "-f": "logs"}))
@@ -65,7 +66,9 @@ def enjoy(arguments: Arguments) -> None:
     if exists and watched.renders and not _has_display():
         raise Mistake("there is no display here: give --no-render, or make a video by `sb3-bruno record-video`")
     make_env = _kept_env(rl_zoo3.utils.create_test_env, load_best=watched.load_best)
-    with replaced(vars(rl_zoo3.enjoy), "create_test_env", make_env):
+    names = vars(rl_zoo3.enjoy)
+    algorithms = {name: telling(algorithm) for name, algorithm in names["ALGOS"].items()}
+    with replaced(names, "create_test_env", make_env), replaced(names, "ALGOS", algorithms):
         call(rl_zoo3.enjoy.enjoy, "enjoy", chosen.command)
 
 

@@ -1,6 +1,7 @@
 """Our configs and our command line, as a user of RL Zoo meets them."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -92,7 +93,9 @@ def test_train_evaluate_enjoy_record_and_plot(run, tmp_path):
     assert "reward" in run("diagnose", "--env", "PointDir-v0", "--episodes", 2)[0]
     assert Diagnostics.load(folder / "diagnostics.npz").log_scores.shape == (2, 2, 30)
     assert "none/bruno_sac folder was not found" in run("enjoy", "-f", "none")[1]  # also after a training
-    assert "Mean reward" in run("enjoy", "--env", "PointDir-v0", "--no-render", "-n", 60)[0]
+    shown = run("enjoy", "--env", "PointDir-v0", "--no-render", "-n", 60)[0]
+    assert "Mean reward" in shown
+    assert re.search(r"^after 0 transitions: (left|right) 0\.\d\d, (left|right) 0\.\d\d$", shown, re.MULTILINE)
     assert run("record-video", "--env", "PointDir-v0", "-n", 10)[1] == ""
     assert list((folder / "videos").glob("*.mp4"))
     assert run(*tiny("-conf", "oracle", algo="sac"))[1] == ""
