@@ -26,7 +26,7 @@ class Family:
     Args:
         env_class: a Gymnasium environment with a method ``set_task(task)``, which is called before every reset. It may
             have a static method ``name_task(task)``, which says what people call a task, and ``task_entries``, which
-            say what its numbers are, at least as many as a task has (see MetaTask).
+            say what its numbers are (see MetaTask): the first of them where tasks are shorter, none where they are longer.
         tasks: the family's own tasks: a TaskSet, a TaskSampler or an array-like ``(n, dim)``.
         task_sets: other sets of tasks by name, for ``gym.make(id, tasks=name)``. A set named ``"beyond"`` has the
             family's own training tasks, and test tasks outside their range. A published set is named after its paper.
@@ -109,7 +109,7 @@ class Family:
             split=split,
             draw=draw,
             name_task=self._name_task,
-            task_entries=None if self._task_entries is None else self._task_entries[: space.shape[0]],
+            task_entries=self._entries_of(space),
             task_space=space,
         )
         if observe == "transition":
@@ -134,6 +134,10 @@ class Family:
             owner = self.env_class.__name__
             raise ValueError(f"tasks={name!r} is no task set of {owner}: give {known}, or leave it out.")
         return task_sets[name]
+
+    def _entries_of(self, space: Box) -> Sequence[tuple[str, str]] | None:
+        entries = (self._task_entries or ())[: space.shape[0]]
+        return entries if len(entries) == space.shape[0] else None
 
     def _make_bare(self, **env_kwargs: Any) -> gym.Env[Any, Any]:
         """Make the environment, or a trial of its episodes."""

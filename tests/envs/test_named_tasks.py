@@ -43,6 +43,27 @@ def test_a_family_names_all_its_tasks_apart(env_id):
     assert name_task(np.float32(task)) == name
 
 
+@pytest.mark.parametrize("env_id", IDS)
+def test_a_family_says_what_the_numbers_of_a_task_are(env_id):
+    env = gym.make(env_id)
+    entries, space = env.get_wrapper_attr("task_entries"), env.get_wrapper_attr("task_space")
+    assert len(entries) == space.shape[0] and len({name for name, _ in entries}) == len(entries)
+
+
+def test_entries_are_those_of_the_tasks_at_hand():
+    assert gym.make("PointGoal-v0", dim=2).get_wrapper_attr("task_entries") == (("goal x", ""), ("goal y", ""))
+    assert gym.make("HopperParams-v0", published=True).get_wrapper_attr("task_entries") is None
+    assert gym.make("CheetahVel-v0").get_wrapper_attr("task_entries") == (("velocity", "m/s"),)
+
+
+@pytest.mark.parametrize(
+    "entries", [["velocity"], [("velocity", "m/s")], [("x", 1), ("y", 2)], [("x", "m"), ("y",)], "xy", [("x", "m")] * 3]
+)
+def test_what_are_no_entries_is_refused(entries):
+    with pytest.raises(ValueError, match="task_entries="):
+        MetaTask(PointDirEnv(), PointDirEnv.set_task, [[1.0, 0.0]], task_entries=entries)
+
+
 def test_directions_and_places():
     assert [direction_name(vector) for vector in ([1, 0], [1, 1e-9], [1, -1e-9], [-1, 0], [1, 1])] == [
         "0 degrees",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -75,3 +76,9 @@ def _factors(task: NDArray[np.float64], *counts: int) -> list[NDArray[np.float64
     if task.shape != (sum(counts),) or not np.isfinite(task).all():
         raise ValueError(f"task={task!r} is invalid: give {sum(counts)} finite log factors, 0 for the original.")
     return np.split(np.exp(task), np.cumsum(counts)[:-1])
+
+
+def entries_of(masses: Sequence[str], dampings: Sequence[str], frictions: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """Say what the numbers of a task are, given the names of bodies, joints and feet: name and unit of each."""
+    kinds = {"mass": masses, "damping": dampings, "friction": frictions}
+    return tuple((f"log {kind} of {part}", "") for kind, parts in kinds.items() for part in parts)

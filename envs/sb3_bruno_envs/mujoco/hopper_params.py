@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.envs.mujoco.hopper_v5 import HopperEnv
 
 from sb3_bruno_envs.mujoco.body_tasks import DAMPING, FRICTION, MASS, BodyFamily, beyond, body_tasks, mass_gap
-from sb3_bruno_envs.mujoco.hidden_body import HiddenBody
+from sb3_bruno_envs.mujoco.hidden_body import HiddenBody, entries_of
 
 
 class HopperParamsEnv(HiddenBody, HopperEnv):
@@ -25,6 +25,7 @@ class HopperParamsEnv(HiddenBody, HopperEnv):
     """
 
     feet = ("foot_geom",)
+    task_entries = entries_of(["torso", "thigh", "leg", "foot"], ["thigh", "leg", "foot"], ["foot"])
 
 
 _UNIT = np.repeat([MASS, DAMPING, FRICTION], [4, 3, 1])

@@ -9,7 +9,9 @@ import numpy as np
 from gymnasium.envs.mujoco.walker2d_v5 import Walker2dEnv
 
 from sb3_bruno_envs.mujoco.body_tasks import DAMPING, FRICTION, MASS, BodyFamily, beyond, body_tasks, mass_gap
-from sb3_bruno_envs.mujoco.hidden_body import HiddenBody
+from sb3_bruno_envs.mujoco.hidden_body import HiddenBody, entries_of
+
+_LEGS = ["thigh", "leg", "foot", "left thigh", "left leg", "left foot"]
 
 
 class WalkerParamsEnv(HiddenBody, Walker2dEnv):
@@ -25,6 +27,7 @@ class WalkerParamsEnv(HiddenBody, Walker2dEnv):
     """
 
     feet = ("foot_geom", "foot_left_geom")
+    task_entries = entries_of(["torso", *_LEGS], _LEGS, ["foot", "left foot"])
 
 
 _UNIT = np.repeat([MASS, DAMPING, FRICTION], [7, 6, 2])
