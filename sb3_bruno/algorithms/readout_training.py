@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch as th
+from stable_baselines3.common.utils import update_learning_rate
 from torch import Tensor
 
 from sb3_bruno.algorithms.encoder_training import EncoderTraining
@@ -85,7 +86,7 @@ class ReadoutTraining(EncoderTraining):
         For an agent that was trained without one, and to fit it closer once the encoder has come to rest.
 
         Args:
-            n_updates: of eight episodes each.
+            n_updates: of eight episodes each, whose learning rate falls to 0.
 
         Raises:
             TypeError: if ``n_updates`` is no whole number.
@@ -102,7 +103,10 @@ class ReadoutTraining(EncoderTraining):
         if self.policy.readout is None:
             self._add_readout()
         assert self.policy.readout is not None  # for mypy: it was added
-        self._train_readout(self.policy.readout, n_updates)
+        for done in range(n_updates):
+            update_learning_rate(self.readout_optimizer, LEARNING_RATE * (1 - done / n_updates))
+            self._train_readout(self.policy.readout, 1)
+        update_learning_rate(self.readout_optimizer, LEARNING_RATE)
 
     def _add_readout(self) -> None:
         if self.env is None:

@@ -1,6 +1,6 @@
 """Reads the task off what an encoder keeps, for people: a small head on any encoder, which teaches the encoder nothing.
 
-Where the training tasks are few, the head tells how probable each of them is; elsewhere it tells a density over tasks.
+Where the training tasks are few, the head tells how probable each of them is; elsewhere it tells mean and spread.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import torch as th
 from torch import Tensor, nn
-from torch.distributions import Categorical, Independent, MixtureSameFamily, Normal
+from torch.distributions import Categorical, Distribution, Independent, Normal
 from torch.nn import functional as F
 from zuko.nn import MLP
 
@@ -20,8 +20,6 @@ from sb3_bruno.encoders.base import TaskEncoder
 from sb3_bruno.encoders.task_heads import GaussianHead
 from sb3_bruno.maths.standardize import Standardize
 
-N_COMPONENTS = 4
-"""Gaussians of a density over tasks, which may have several modes: left or right, before any evidence."""
 LARGEST_LOG_VAR = 20.0
 """Nats up to which the log of a variance is read: a Student-t's may be infinite."""
 
@@ -95,8 +93,8 @@ class TaskReadout(nn.Module, ABC):
         return th.cat([standard, self.network(standard)], dim=-1)
 
 
-class DensityReadout(TaskReadout):
-    """Creates a read-out of tasks of any kind: a mixture of Gaussians, as wide as its misses on tasks it did not fit.
+class GaussianReadout(TaskReadout):
+    """Creates a read-out of tasks of any kind: a Gaussian, as wide as its misses on tasks that it did not fit.
 
     The tasks that are spared teach one number per entry, by which all standard deviations are multiplied. Without it
     a head that has learned a few tasks by heart is sure of each, and of the nearest of them where the task is new.
@@ -108,11 +106,11 @@ class DensityReadout(TaskReadout):
 
     def __init__(self, feature_dim: int, task_dim: int) -> None:
         super().__init__(feature_dim)
-        self.head = GaussianHead(self.joined_dim, task_dim, N_COMPONENTS)
+        self.head = GaussianHead(self.joined_dim, task_dim)
         self.log_widen = nn.Parameter(th.zeros(task_dim))
 
     def forward(self, features: Tensor) -> Reading:
-        told = self._density(features, self.log_widen)
+        told = self._density(self._joined(features), self.log_widen)
         return Reading(told.mean, told.stddev, None)
 
     def loss(self, features: Tensor, tasks: Tensor, counts: Tensor, is_spared: Tensor) -> Tensor:
@@ -121,10 +119,9 @@ class DensityReadout(TaskReadout):
             self.head.update(tasks)
         wanted = tasks.unsqueeze(-2)
         # Not widened: else the head would learn to be as much too sure as it is widened.
-        fitted = self._density(features, th.zeros_like(self.log_widen)).log_prob(wanted)
-        with th.no_grad():
-            joined = self._joined(features)
-        widened = self._density(features, self.log_widen, known=joined).log_prob(wanted)
+        joined = self._joined(features)
+        fitted = self._density(joined, th.zeros_like(self.log_widen)).log_prob(wanted)
+        widened = self._density(joined, self.log_widen, is_known=True).log_prob(wanted)
         nats = th.where(is_spared, widened, fitted)
         loss: Tensor = -(counts * nats).sum() / counts.sum().clamp(min=1)
         return loss
@@ -133,16 +130,11 @@ class DensityReadout(TaskReadout):
         """Return the root mean square of the miss over the entries, where 1 is as much as the tasks vary."""
         return ((reading.mean - tasks) / self.head.standardize.std).square().mean(dim=-1).sqrt()
 
-    def _density(self, features: Tensor, log_widen: Tensor, known: Tensor | None = None) -> MixtureSameFamily:
-        """Return the density; with what is ``known`` of the joined features, nothing but ``log_widen`` is taught."""
-        if known is None:
-            told = self.head(self._joined(features))
-        else:
-            with th.no_grad():
-                told = self.head(known)
-        each = told.component_distribution.base_dist
-        widened = Independent(Normal(each.loc, each.scale * log_widen.exp()), 1)
-        return MixtureSameFamily(told.mixture_distribution, widened)
+    def _density(self, joined: Tensor, log_widen: Tensor, *, is_known: bool = False) -> Distribution:
+        """Return the density; where the head is taken for known, it teaches nothing but ``log_widen``."""
+        told = self.head(joined).base_dist
+        mean, std = (told.loc.detach(), told.scale.detach()) if is_known else (told.loc, told.scale)
+        return Independent(Normal(mean, std * log_widen.exp()), 1)
 
 
 class ListReadout(TaskReadout):
@@ -197,5 +189,5 @@ def make_readout(encoder: TaskEncoder, task_dim: int, tasks: Sequence[Sequence[f
     with th.random.fork_rng(devices=()), th.no_grad():
         feature_dim = TaskReadout.features(encoder, encoder.empty()).shape[-1]
         if tasks is None:
-            return DensityReadout(feature_dim, task_dim)
+            return GaussianReadout(feature_dim, task_dim)
         return ListReadout(feature_dim, th.tensor(tasks, dtype=th.float32).reshape(-1, task_dim))
