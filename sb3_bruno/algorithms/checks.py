@@ -232,6 +232,17 @@ def read_task_space(env: VecEnv, known: spaces.Box | None = None) -> spaces.Box:
     return known or task_space
 
 
+def warn_of_missing_trial(encoder: TaskEncoder, env: VecEnv) -> None:
+    """Warn whose encoder needs several episodes of a task, and whose env gives each episode another."""
+    if encoder.needs_trial and not env.has_attr("n_episodes"):
+        warnings.warn(
+            f"{type(encoder).__name__} explores in the first episodes of a task (`exploration_episodes`), and each "
+            "episode of this env has a task of its own, so it never uses what it finds: join episodes by "
+            "`sb3_bruno_envs.Trial`.",
+            stacklevel=3,
+        )
+
+
 def check_early_resets(env: VecEnv) -> None:
     """Check that no Monitor refuses the reset with which learning begins.
 

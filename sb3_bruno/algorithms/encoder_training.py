@@ -112,6 +112,8 @@ class EncoderTraining(OffPolicyAlgorithm):
             What to log of them, by name.
         """
         assert self.encoder_update_ratio is not None  # for mypy: it learns from its own loss
+        if type(self.encoder).loss is TaskEncoder.loss:  # a control, which learns nothing
+            return {}
         self._encoder_updates_due += self.encoder_update_ratio * gradient_steps
         n_updates = int(self._encoder_updates_due)
         self._encoder_updates_due -= n_updates

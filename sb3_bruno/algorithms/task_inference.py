@@ -29,6 +29,7 @@ from sb3_bruno.algorithms.checks import (
     check_task_infos,
     family_of,
     read_task_space,
+    warn_of_missing_trial,
 )
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.algorithms.policy_arguments import check_policy_kwargs
@@ -188,6 +189,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
             # Before the reset, which restores what a copy may share with its original.
             warn_of_task_without_effect(self.env)
             check_early_resets(self.env)
+            warn_of_missing_trial(self.encoder, self.env)
         result = super()._setup_learn(total_timesteps, callback, reset_num_timesteps, tb_log_name, progress_bar)
         self.replay_buffer.family = family_of(self.env)
         if starts_anew:

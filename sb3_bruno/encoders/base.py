@@ -95,6 +95,7 @@ class TaskEncoder(nn.Module, ABC, Generic[Memory]):
         learning_rate: of its Adam, unless the algorithm is given one.
         max_grad_norm: norm to which its gradient is clipped; None: never.
         shortest_sequence: how many transitions of a task ``loss`` needs at least.
+        needs_trial: whether it needs several episodes of a task, as a ``Trial`` joins them.
         search_space: keyword arguments worth searching, each with the values to choose from; a ``range`` is searched
             as an integer.
     """
@@ -105,6 +106,7 @@ class TaskEncoder(nn.Module, ABC, Generic[Memory]):
     learning_rate: ClassVar[float] = 1e-3
     max_grad_norm: float | None = None
     shortest_sequence: int = 1
+    needs_trial: bool = False
     search_space: ClassVar[Mapping[str, Sequence[Any]]] = {}
 
     @classmethod

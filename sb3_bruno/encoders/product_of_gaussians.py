@@ -102,6 +102,7 @@ class ProductOfGaussians(TaskEncoder[ProductMemory]):
         self._belief: BeliefForm = belief or ("mean_var" if information_bottleneck else "mean")
         self.belief_dim = 2 * latent_dim if self._belief == "mean_var" else latent_dim
         self._exploration_episodes = exploration_episodes
+        self.needs_trial = exploration_episodes is not None
         self._prior_precision = float(information_bottleneck if prior_factor is None else prior_factor)
         self._has_bottleneck = information_bottleneck
         self.network = _network(

@@ -1,5 +1,7 @@
 """PEARL's sampled beliefs in an agent: drawn where episodes begin, kept until they end, shared where it learns."""
 
+import warnings
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -119,3 +121,12 @@ def test_pearl_sac_works_out_which_way_to_go(belief):
     tasks = POINT_DIR_TASKS.tasks("test")
     returns = evaluate_adaptation(model, lambda: gym.make(POINT), tasks, n_episodes=8).mean_return()
     assert min(returns) > 0.8 * 28.5  # of what an agent that is told earns
+
+
+def test_who_explores_without_a_trial_is_warned():
+    settings = {**TINY, "encoder_kwargs": {**PROTOCOL, "net_arch": (8,)}}
+    with pytest.warns(UserWarning, match=r"exploration_episodes.*Trial"):
+        PearlSAC("MlpPolicy", POINT, **settings).learn(2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        PearlSAC("MlpPolicy", TRIAL, **settings).learn(2)
