@@ -144,7 +144,7 @@ class ReadoutTraining(EncoderTraining):
         self.readout_optimizer.zero_grad()
         loss.backward()
         self.readout_optimizer.step()
-        scalars = {"readout/nats": -loss.detach()}
+        scalars = {"readout/loss": loss.detach()}
         with th.no_grad():
             error = readout.error(readout(features), tasks.unsqueeze(-2))
             means = (counted * error).sum(dim=0) / counted.sum(dim=0)

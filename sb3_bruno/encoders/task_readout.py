@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import torch as th
 from torch import Tensor, nn
-from torch.distributions import Categorical, Distribution, Independent, Normal
+from torch.distributions import Categorical, Normal
 from torch.nn import functional as F
 from zuko.nn import MLP
 
@@ -72,7 +72,7 @@ class TaskReadout(nn.Module, ABC):
 
     @abstractmethod
     def loss(self, features: Tensor, tasks: Tensor, counts: Tensor, is_spared: Tensor) -> Tensor:
-        """Return minus the log score of the true tasks, in nats. In training mode, move the running statistics too.
+        """Return what to minimise to tell the true tasks. In training mode, move the running statistics too.
 
         Args:
             features: without gradient, (batch, time, feature_dim).
@@ -94,10 +94,14 @@ class TaskReadout(nn.Module, ABC):
 
 
 class GaussianReadout(TaskReadout):
-    """Creates a read-out of tasks of any kind: a Gaussian, as wide as its misses on tasks that it did not fit.
+    r"""Creates a read-out of tasks of any kind: a Gaussian, as wide as its misses on tasks that it did not fit.
 
-    The tasks that are spared teach one number per entry, by which all standard deviations are multiplied. Without it
-    a head that has learned a few tasks by heart is sure of each, and of the nearest of them where the task is new.
+    .. math:: q(g) = N(g; \mu, \text{diag } (c \sigma)^2)
+
+    Mean and sigma are fitted by the log score, weighted by sigma (Seitzer et al. 2022, *On the Pitfalls of
+    Heteroscedastic Uncertainty Estimation*, with beta = 1/2): unweighted, a head would rather tell a wide spread than
+    learn a mean that is hard to learn. The tasks that are spared teach c alone, one number per entry. Without it a head
+    that has learned a few tasks by heart is sure of each, and of the nearest of them where the task is new.
 
     Args:
         feature_dim: size of ``features``.
@@ -110,31 +114,29 @@ class GaussianReadout(TaskReadout):
         self.log_widen = nn.Parameter(th.zeros(task_dim))
 
     def forward(self, features: Tensor) -> Reading:
-        told = self._density(self._joined(features), self.log_widen)
-        return Reading(told.mean, told.stddev, None)
+        told = self._fitted(features)
+        return Reading(told.loc, told.scale * self.log_widen.exp(), None)
 
     def loss(self, features: Tensor, tasks: Tensor, counts: Tensor, is_spared: Tensor) -> Tensor:
         if self.training:
             self.standardize.update(features)
             self.head.update(tasks)
-        wanted = tasks.unsqueeze(-2)
+        told, wanted = self._fitted(features), tasks.unsqueeze(-2)
         # Not widened: else the head would learn to be as much too sure as it is widened.
-        joined = self._joined(features)
-        fitted = self._density(joined, th.zeros_like(self.log_widen)).log_prob(wanted)
-        widened = self._density(joined, self.log_widen, is_known=True).log_prob(wanted)
-        nats = th.where(is_spared, widened, fitted)
-        loss: Tensor = -(counts * nats).sum() / counts.sum().clamp(min=1)
-        return loss
+        fitted = told.scale.detach() / self.head.standardize.std * told.log_prob(wanted)
+        widened = Normal(told.loc.detach(), told.scale.detach() * self.log_widen.exp()).log_prob(wanted)
+        score = th.where(is_spared, widened.sum(dim=-1), fitted.sum(dim=-1))
+        return -(counts * score).sum() / counts.sum().clamp(min=1)
 
     def error(self, reading: Reading, tasks: Tensor) -> Tensor:
         """Return the root mean square of the miss over the entries, where 1 is as much as the tasks vary."""
-        return ((reading.mean - tasks) / self.head.standardize.std).square().mean(dim=-1).sqrt()
+        miss = (reading.mean - tasks) / self.head.standardize.std
+        return miss.square().mean(dim=-1).sqrt()
 
-    def _density(self, joined: Tensor, log_widen: Tensor, *, is_known: bool = False) -> Distribution:
-        """Return the density; where the head is taken for known, it teaches nothing but ``log_widen``."""
-        told = self.head(joined).base_dist
-        mean, std = (told.loc.detach(), told.scale.detach()) if is_known else (told.loc, told.scale)
-        return Independent(Normal(mean, std * log_widen.exp()), 1)
+    def _fitted(self, features: Tensor) -> Normal:
+        """Return what was fitted, not yet widened, batch shape (..., task_dim)."""
+        told: Normal = self.head(self._joined(features)).base_dist
+        return told
 
 
 class ListReadout(TaskReadout):

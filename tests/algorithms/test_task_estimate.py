@@ -43,7 +43,7 @@ def test_every_agent_estimates(algorithm, tmp_path):
     assert sorted(estimate.labels.tasks) == ["left", "right"]
     np.testing.assert_allclose(estimate.probabilities.sum(axis=-1), 1, rtol=1e-5)
     assert estimate.texts()[0].split()[0] in ("left", "right")
-    assert {"readout/nats", "readout/error_after_1"} <= model.logger.name_to_value.keys()
+    assert {"readout/loss", "readout/error_after_1"} <= model.logger.name_to_value.keys()
     model.save(tmp_path / "model")
     again = algorithm.load(tmp_path / "model", device="cpu")
     np.testing.assert_array_equal(again.task_estimate(state).probabilities, estimate.probabilities)
