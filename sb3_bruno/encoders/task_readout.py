@@ -1,6 +1,6 @@
 """Reads the task off what an encoder keeps, for people: a small head on any encoder, which teaches the encoder nothing.
 
-Where the training tasks are few, the head tells how probable each of them is; elsewhere it tells mean and spread.
+Where the training tasks are few, the head tells how probable each of them is; elsewhere it tells a density over tasks.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import torch as th
 from torch import Tensor, nn
-from torch.distributions import Categorical, Normal
+from torch.distributions import Categorical, Independent, MixtureSameFamily, Normal
 from torch.nn import functional as F
 from zuko.nn import MLP
 
@@ -20,6 +20,8 @@ from sb3_bruno.encoders.base import TaskEncoder
 from sb3_bruno.encoders.task_heads import GaussianHead
 from sb3_bruno.maths.standardize import Standardize
 
+N_COMPONENTS = 4
+"""Gaussians of a density over tasks: where a belief goes round in a circle, the far ends of a task meet."""
 LARGEST_LOG_VAR = 20.0
 """Nats up to which the log of a variance is read: a Student-t's may be infinite."""
 
@@ -39,17 +41,17 @@ class Reading(NamedTuple):
 
 
 class TaskReadout(nn.Module, ABC):
-    """Creates a read-out: one hidden layer and a linear path beside it, on standardised features of a memory.
+    """Creates a read-out: three hidden layers and a linear path beside them, on standardised features of a memory.
 
     Args:
         feature_dim: size of ``features``.
-        hidden_size: width of the hidden layer.
+        hidden_size: width of the hidden layers.
     """
 
-    def __init__(self, feature_dim: int, hidden_size: int = 64) -> None:
+    def __init__(self, feature_dim: int, hidden_size: int = 128) -> None:
         super().__init__()
         self.standardize = Standardize(feature_dim)
-        self.network = MLP(feature_dim, hidden_size, (hidden_size,), activation=nn.SiLU)
+        self.network = MLP(feature_dim, hidden_size, (hidden_size, hidden_size), activation=nn.SiLU)
         self.joined_dim = feature_dim + hidden_size
 
     @staticmethod
@@ -90,18 +92,15 @@ class TaskReadout(nn.Module, ABC):
 
     def _joined(self, features: Tensor) -> Tensor:
         standard = self.standardize(features)
-        return th.cat([standard, self.network(standard)], dim=-1)
+        return th.cat([standard, F.silu(self.network(standard))], dim=-1)
 
 
-class GaussianReadout(TaskReadout):
-    r"""Creates a read-out of tasks of any kind: a Gaussian, as wide as its misses on tasks that it did not fit.
+class DensityReadout(TaskReadout):
+    """Creates a read-out of tasks of any kind: a mixture of Gaussians, as wide as its misses on tasks it did not fit.
 
-    .. math:: q(g) = N(g; \mu, \text{diag } (c \sigma)^2)
-
-    Mean and sigma are fitted by the log score, weighted by sigma (Seitzer et al. 2022, *On the Pitfalls of
-    Heteroscedastic Uncertainty Estimation*, with beta = 1/2): unweighted, a head would rather tell a wide spread than
-    learn a mean that is hard to learn. The tasks that are spared teach c alone, one number per entry. Without it a head
-    that has learned a few tasks by heart is sure of each, and of the nearest of them where the task is new.
+    The tasks that are spared teach nothing but one number per entry, by which all standard deviations are multiplied.
+    Without it a head that has learned a few tasks by heart is sure of each, and of the nearest of them where the task
+    is new.
 
     Args:
         feature_dim: size of ``features``.
@@ -110,33 +109,39 @@ class GaussianReadout(TaskReadout):
 
     def __init__(self, feature_dim: int, task_dim: int) -> None:
         super().__init__(feature_dim)
-        self.head = GaussianHead(self.joined_dim, task_dim)
+        self.head = GaussianHead(self.joined_dim, task_dim, N_COMPONENTS)
         self.log_widen = nn.Parameter(th.zeros(task_dim))
 
     def forward(self, features: Tensor) -> Reading:
-        told = self._fitted(features)
-        return Reading(told.loc, told.scale * self.log_widen.exp(), None)
+        told = self._widened(self._fitted(features))
+        return Reading(told.mean, told.stddev, None)
 
     def loss(self, features: Tensor, tasks: Tensor, counts: Tensor, is_spared: Tensor) -> Tensor:
         if self.training:
             self.standardize.update(features)
             self.head.update(tasks)
-        told, wanted = self._fitted(features), tasks.unsqueeze(-2)
+        wanted = tasks.unsqueeze(-2)
         # Not widened: else the head would learn to be as much too sure as it is widened.
-        fitted = told.scale.detach() / self.head.standardize.std * told.log_prob(wanted)
-        widened = Normal(told.loc.detach(), told.scale.detach() * self.log_widen.exp()).log_prob(wanted)
-        score = th.where(is_spared, widened.sum(dim=-1), fitted.sum(dim=-1))
-        return -(counts * score).sum() / counts.sum().clamp(min=1)
+        fitted = self._fitted(features).log_prob(wanted)
+        with th.no_grad():
+            known = self._fitted(features)
+        nats = th.where(is_spared, self._widened(known).log_prob(wanted), fitted)
+        return -(counts * nats).sum() / counts.sum().clamp(min=1)
 
     def error(self, reading: Reading, tasks: Tensor) -> Tensor:
         """Return the root mean square of the miss over the entries, where 1 is as much as the tasks vary."""
         miss = (reading.mean - tasks) / self.head.standardize.std
         return miss.square().mean(dim=-1).sqrt()
 
-    def _fitted(self, features: Tensor) -> Normal:
-        """Return what was fitted, not yet widened, batch shape (..., task_dim)."""
-        told: Normal = self.head(self._joined(features)).base_dist
+    def _fitted(self, features: Tensor) -> MixtureSameFamily:
+        told: MixtureSameFamily = self.head(self._joined(features))
         return told
+
+    def _widened(self, fitted: MixtureSameFamily) -> MixtureSameFamily:
+        components: Any = fitted.component_distribution
+        each = components.base_dist
+        widened = Independent(Normal(each.loc, each.scale * self.log_widen.exp()), 1)
+        return MixtureSameFamily(fitted.mixture_distribution, widened)
 
 
 class ListReadout(TaskReadout):
@@ -191,5 +196,5 @@ def make_readout(encoder: TaskEncoder, task_dim: int, tasks: Sequence[Sequence[f
     with th.random.fork_rng(devices=()), th.no_grad():
         feature_dim = TaskReadout.features(encoder, encoder.empty()).shape[-1]
         if tasks is None:
-            return GaussianReadout(feature_dim, task_dim)
+            return DensityReadout(feature_dim, task_dim)
         return ListReadout(feature_dim, th.tensor(tasks, dtype=th.float32).reshape(-1, task_dim))

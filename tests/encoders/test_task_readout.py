@@ -4,7 +4,7 @@ import pytest
 import torch as th
 
 from sb3_bruno.encoders import RandomFeatures, find_encoder
-from sb3_bruno.encoders.task_readout import GaussianReadout, ListReadout, TaskReadout, make_readout
+from sb3_bruno.encoders.task_readout import DensityReadout, ListReadout, TaskReadout, make_readout
 from support.small_encoder import transitions_of
 
 N_TASKS = 30
@@ -33,15 +33,15 @@ def fitted(readout, tasks, spared, n_updates=600):
 
 
 @pytest.fixture(scope="module")
-def gaussian():
+def density():
     th.manual_seed(0)
     tasks = 2 * th.rand(N_TASKS, 2) - 1
-    return fitted(GaussianReadout(4, 2), tasks, tasks[::5]), tasks
+    return fitted(DensityReadout(4, 2), tasks, tasks[::5]), tasks
 
 
 @pytest.mark.parametrize("held_out", [False, True])
-def test_nine_intervals_in_ten_hold_the_task(gaussian, held_out):
-    readout, tasks = gaussian
+def test_nine_intervals_in_ten_hold_the_task(density, held_out):
+    readout, tasks = density
     generator = th.Generator().manual_seed(2)
     tasks = 2 * th.rand(200, 2, generator=generator) - 1 if held_out else tasks
     features, seen = noisy(tasks, 4_000, generator)
@@ -54,7 +54,7 @@ def test_nine_intervals_in_ten_hold_the_task(gaussian, held_out):
 
 
 def test_spared_tasks_teach_nothing_but_the_width():
-    readout = GaussianReadout(4, 2).train()
+    readout = DensityReadout(4, 2).train()
     tasks = th.rand(8, 2)
     readout.loss(th.rand(8, 3, 4), tasks, th.ones(8, 3), th.ones(8, 1, dtype=th.bool)).backward()
     taught = {name for name, parameter in readout.named_parameters() if parameter.grad.abs().sum() > 0}
@@ -87,7 +87,7 @@ def test_few_tasks_get_probabilities_which_are_right():
 
 def test_what_does_not_count_teaches_nothing():
     th.manual_seed(0)
-    readout, features, tasks = GaussianReadout(4, 2), th.rand(6, 3, 4), th.rand(6, 2)
+    readout, features, tasks = DensityReadout(4, 2), th.rand(6, 3, 4), th.rand(6, 2)
     counts, spared = th.tensor([[1.0, 0.0, 1.0]]).expand(6, 3), th.zeros(6, 1, dtype=th.bool)
     readout.eval()
     loss = readout.loss(features, tasks, counts, spared)
