@@ -259,7 +259,7 @@ class TaskInferencePolicy(BasePolicy):
             carried = carried._replace(suspicion=None)
         elif carried.suspicion is None:
             carried = carried._replace(suspicion=nothing.suspicion)
-        carried = nothing.where(fresh_column > 0, carried) if fresh.any() else carried
+        carried = carried.where(fresh_column <= 0, nothing) if fresh.any() else carried
         after = self._absorb(carried, Transitions(carried.observation, action, reward, here), forget_threshold)
         if began.any():
             begun = carried._replace(memory=self.encoder.start_episode(carried.memory))

@@ -92,6 +92,8 @@ def test_an_episode_start_begins_from_the_prior_for_that_env_alone():
     _, carried = policy.predict(seen[-1], states[-2], np.zeros(3, dtype=bool), deterministic=True)
     assert fresh[0][:, 0].tolist() == [4, 0, 4]
     assert carried[0][:, 0].tolist() == [4, 4, 4]
+    for begun, gone_on in zip(fresh, carried, strict=True):  # where the others' transition began is not forgotten
+        np.testing.assert_allclose(begun[[0, 2]], gone_on[[0, 2]], rtol=1e-6)
 
 
 def test_the_dicts_own_flag_says_that_no_transition_led_here_and_the_belief_goes_on():
