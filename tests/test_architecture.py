@@ -15,7 +15,8 @@ ROOMS = {  # each room, from the ground up, and the rooms that it may import
     "maths": set(),
     "encoders": {"maths"},
     "buffers": {"encoders"},
-    "algorithms": {"buffers", "encoders"},
+    "task_words": set(),
+    "algorithms": {"buffers", "encoders", "task_words"},
     "": {"algorithms", "buffers", "encoders"},  # the package's face
     "files": set(),
     "evaluation": {"files"},
@@ -23,15 +24,17 @@ ROOMS = {  # each room, from the ground up, and the rooms that it may import
     "plotting": {"algorithms", "encoders", "evaluation"},
     "diagnostics": {"algorithms", "encoders", "evaluation", "files", "plotting"},
     "resume": {"algorithms", "files"},
+    "export": {"", "algorithms", "encoders", "evaluation", "files", "runs", "task_words"},
     "report": {"evaluation", "files", "plotting", "runs"},
     "zoo": {"", "algorithms", "encoders", "evaluation", "files", "resume", "runs"},
-    "cli": {"", "algorithms", "diagnostics", "evaluation", "files", "plotting", "report", "runs", "zoo"},
+    "cli": {"", "algorithms", "diagnostics", "evaluation", "export", "files", "plotting", "report", "runs", "zoo"},
     "quickstart": {"", "evaluation", "files", "plotting", "resume", "runs"},
 }
 KNOWS = {  # beyond the standard library, numpy and the rooms below
     "maths": {"torch", "zuko"},
     "encoders": {"torch", "typing_extensions", "zuko"},
     "files": set(),
+    "task_words": set(),
     "evaluation": {"gymnasium", "rliable", "stable_baselines3", "tqdm"},
     "runs": {"filelock", "pandas", "torch"},
 }
@@ -157,6 +160,7 @@ def test_the_quickstart_trains_with_the_zoos_hyperparameters_but_for_those_of_a_
         "sb3_bruno.buffers": "TaskReplayBuffer",
         "sb3_bruno.diagnostics": "diagnose Diagnostics",
         "sb3_bruno.encoders": "BrunoEncoder TaskEncoder Transitions Outcomes",
+        "sb3_bruno.export": "Controller export_agent",
         "sb3_bruno.evaluation": "evaluate_adaptation AdaptationResult library_versions",
         "sb3_bruno.plotting": "plot_adaptation plot_learning_curves",
         "sb3_bruno.resume": "ResumeCallback resume save_checkpoint",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import importlib
 import io
 import pathlib
 import pickle
@@ -12,6 +13,7 @@ from typing import Any, TypeVar
 import torch as th
 from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.type_aliases import GymEnv, TensorDict
+from stable_baselines3.common.vec_env import VecNormalize
 from torch import Tensor
 
 from sb3_bruno.algorithms.arguments import check_names
@@ -42,6 +44,21 @@ class Saving(ReadoutTraining):
             super().save(path, exclude, include)
         finally:
             self._carried = carried
+
+    def export(self, path: str | pathlib.Path, *, vec_normalize: VecNormalize | None = None) -> pathlib.Path:
+        """Write the agent, as it is now, to a file that acts without this package (docs/deploy.md).
+
+        Args:
+            path: ``.onnx`` for onnxruntime and ``sb3_bruno.export.Controller``, ``.pt`` for torch and libtorch.
+            vec_normalize: the VecNormalize that it was trained with. None: that of its env, if it has one.
+
+        Raises:
+            ValueError: if the suffix is another, or the agent cannot be exported.
+        """
+        # By its name, and only now: that room stands above this one, and needs what only exporting needs.
+        export: Any = importlib.import_module("sb3_bruno.export")
+        written: pathlib.Path = export.export_agent(self, path, vec_normalize=vec_normalize)
+        return written
 
     def _excluded_save_params(self) -> list[str]:
         own = ["encoder", "encoder_optimizer", "_next_carried", "_scalars_of_updates"]
