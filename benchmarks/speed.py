@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import torch as th
+from speed_sections.acting import acting
 from speed_sections.parts import parts
 from speed_sections.race import table
 from speed_sections.rivals import training
@@ -29,7 +30,7 @@ from speed_sections.updates import actor_critic_updates, encoder_updates
 
 from sb3_bruno.evaluation import library_versions
 
-ALL = (training, parts, encoder_updates, actor_critic_updates, rollouts, sampling, episodes, growth, memory)
+ALL = (training, parts, encoder_updates, actor_critic_updates, rollouts, acting, sampling, episodes, growth, memory)
 SECTIONS: dict[str, Any] = {section.__name__: section for section in ALL}
 
 

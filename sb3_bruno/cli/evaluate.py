@@ -42,7 +42,7 @@ def evaluate(arguments: list[str]) -> None:
     from sb3_bruno.plotting.curves import plot_adaptation
     from sb3_bruno.plotting.video import film_tasks
 
-    agent = _load_agent(options)
+    agent = load_agent(options)
     if options.video and not isinstance(agent.model, TaskInference):
         raise Mistake(f"--video draws the belief, and {options.algo} has none: use record-video")
     set_random_seed(options.seed)  # for actions that are drawn
@@ -103,7 +103,7 @@ def diagnose(arguments: list[str]) -> None:
     from sb3_bruno.diagnostics.diagnose import diagnose as measure
     from sb3_bruno.diagnostics.figure import plot_diagnostics
 
-    agent = _load_agent(options)
+    agent = load_agent(options)
     if not isinstance(agent.model, TaskInference):
         raise Mistake(f"{options.algo} has no belief to diagnose")
     inside, outside = agent.test.tasks[agent.test.inside], agent.test.tasks[~agent.test.inside]
@@ -128,7 +128,7 @@ def diagnose(arguments: list[str]) -> None:
     print(f"Saved {kept.with_suffix('.npz')} and {kept.with_suffix('.png')}")
 
 
-def _load_agent(options: argparse.Namespace) -> TrainedAgent:
+def load_agent(options: argparse.Namespace) -> TrainedAgent:
     """Load the agent that the flags choose, to run on one torch thread.
 
     Raises:

@@ -11,6 +11,7 @@ from difflib import get_close_matches
 
 import sb3_bruno
 from sb3_bruno.cli.evaluate import diagnose, evaluate, plot
+from sb3_bruno.cli.export import export
 from sb3_bruno.cli.mistake import Mistake
 from sb3_bruno.cli.report import report
 from sb3_bruno.cli.sweep import sweep
@@ -28,6 +29,7 @@ COMMANDS: dict[str, Callable[[Arguments], None]] = {
     "diagnose": diagnose,
     "plot": plot,
     "report": report,
+    "export": export,
 }
 USAGE = "usage: sb3-bruno COMMAND ...\n\ncommands (each with its own --help):\n" + "\n".join(
     f"  {name:<14}{(command.__doc__ or '').splitlines()[0]}" for name, command in COMMANDS.items()

@@ -32,12 +32,16 @@ def told_as_mistake(kind: type[Exception] = ValueError, unless: Callable[[], boo
         raise Mistake(in_one_line(error)) from error
 
 
-def check_installed(*libraries: str) -> None:
+def check_installed(*libraries: str, extra: str = "zoo") -> None:
     """Refuse to begin what a library that is missing would end.
+
+    Args:
+        *libraries: by the names that they are imported by.
+        extra: of this package, which brings them.
 
     Raises:
         Mistake: if one is not installed.
     """
     for library in libraries:
         if importlib.util.find_spec(library) is None:
-            raise Mistake(f"{library} is not installed: pip install 'sb3_bruno[zoo]'")
+            raise Mistake(f"{library} is not installed: pip install 'sb3_bruno[{extra}]'")

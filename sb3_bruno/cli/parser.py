@@ -103,6 +103,15 @@ def command_parser(name: str, command: Callable[[list[str]], None], **kwargs: An
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flags that choose an agent and its test."""
+    add_agent(parser)
+    parser.add_argument("--episodes", type=at_least_one, default=10, help="per task (default: 10)")
+    parser.add_argument("--steps", type=at_least_one, help="of each episode (default: the environment's own)")
+    parser.add_argument("--split", choices=["train", "test"], default="test", help="which tasks (default: test)")
+    parser.add_argument("--seed", type=seed, default=0, help="of the environments (default: 0)")
+
+
+def add_agent(parser: argparse.ArgumentParser) -> None:
+    """Add the flags that choose an agent."""
     parser.add_argument("--algo", default="bruno_sac", help="(default: bruno_sac)")
     parser.add_argument("--env", default="CheetahDir-v0", help="(default: CheetahDir-v0)")
     add_gym_packages(parser)
@@ -111,10 +120,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--exp-id", type=whole_number(0, also=(-1,)), default=0, help="run number, 0: the latest (default)"
     )
     parser.add_argument("--load-best", action="store_true", help="the best model instead of the last")
-    parser.add_argument("--episodes", type=at_least_one, default=10, help="per task (default: 10)")
-    parser.add_argument("--steps", type=at_least_one, help="of each episode (default: the environment's own)")
-    parser.add_argument("--split", choices=["train", "test"], default="test", help="which tasks (default: test)")
-    parser.add_argument("--seed", type=seed, default=0, help="of the environments (default: 0)")
 
 
 def add_gym_packages(parser: argparse.ArgumentParser) -> None:

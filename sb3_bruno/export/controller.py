@@ -126,7 +126,7 @@ class Controller:
         inputs["episode_start"] = np.full((1, 1), start, np.float32)
         inputs["action"] = np.zeros_like(inputs["action"])
         if "noise" in inputs:
-            inputs["noise"] = self._generator.standard_normal(inputs["noise"].shape, np.float32)
+            inputs["noise"] = np.asarray(self._generator.standard_normal(inputs["noise"].shape), np.float32)
         if start == NEW_TASK:
             self.surprise, self._told = None, {}
 

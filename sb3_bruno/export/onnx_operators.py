@@ -14,7 +14,9 @@ import numpy as np
 import onnx_ir
 import torch as th
 from numpy.typing import NDArray
-from onnxscript.onnx_opset import opset18 as op
+from onnxscript.onnx_opset import opset18
+
+op: Any = opset18  # whose operators take values of a file that is written, and its types only arrays
 
 SHIFT = 8
 """How far ``lgamma`` steps up before Stirling's series, whose first term left out is below 10^-14 there."""

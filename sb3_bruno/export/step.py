@@ -47,11 +47,13 @@ class Step(nn.Module):
     def __init__(self, policy: TaskInferencePolicy, vec_normalize: VecNormalize | None = None) -> None:
         super().__init__()
         self.encoder: TaskEncoder = _copied(policy.encoder)
-        self.actor: Any = _copied(policy.actor)
+        actor: Any = policy.actor  # of the policy that the mixin is mixed into
+        self.actor = _copied(actor)
         self.readout: TaskReadout | None = None if policy.readout is None else _copied(policy.readout)
         self.layout = policy.layout
         self.forget_threshold = policy.forget_threshold
         self.forgets = policy.forget_threshold is not None
+        assert isinstance(policy.action_space, spaces.Box)  # for mypy
         self.bounds = ActionBounds(policy.action_space)
         self.show_observation = normalizer(vec_normalize, "observation")
         self.show_action = normalizer(vec_normalize, "action")
