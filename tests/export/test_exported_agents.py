@@ -9,7 +9,7 @@ from sb3_bruno.algorithms.crossq import TaskCrossQ
 from sb3_bruno.algorithms.sac import TaskSAC
 from sb3_bruno.algorithms.td3 import TaskTD3
 from sb3_bruno.algorithms.tqc import TaskTQC
-from sb3_bruno.encoders import ENCODERS
+from sb3_bruno.encoders import ENCODERS, BrunoEncoder, Transitions
 from sb3_bruno.export import Controller
 from support.exported import BARE, STARTS, Agent, assert_acts_alike, begin, disturb
 from support.tiny_models import POINT, TINY, TRIAL, make_pendulum, normalized
@@ -120,3 +120,13 @@ def test_no_export_changes_the_agent(plain, tmp_path):
     assert all(th.equal(value, before[name]) for name, value in plain.policy.state_dict().items())
     assert th.distributions.Distribution._validate_args == checks
     assert all(parameter.requires_grad for parameter in plain.policy.actor.parameters())
+
+
+@pytest.mark.parametrize("modelled", ["rewards", "next_observations", "both"])
+def test_only_who_models_rewards_needs_one(modelled):
+    encoder = BrunoEncoder(2, 2, modelled=modelled, net_arch=(8,))
+    without, rewarded = (
+        encoder.absorb(encoder.empty((1,)), Transitions(*(th.ones(1, 2),) * 2, th.full((1, 1), reward), th.ones(1, 2)))
+        for reward in (0.0, 1.0)
+    )
+    assert th.equal(without.high, rewarded.high) == (modelled == "next_observations")
