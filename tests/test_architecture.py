@@ -27,7 +27,20 @@ ROOMS = {  # each room, from the ground up, and the rooms that it may import
     "export": {"", "algorithms", "encoders", "evaluation", "files", "runs", "task_words"},
     "report": {"evaluation", "files", "plotting", "runs"},
     "zoo": {"", "algorithms", "encoders", "evaluation", "files", "resume", "runs"},
-    "cli": {"", "algorithms", "diagnostics", "evaluation", "export", "files", "plotting", "report", "runs", "zoo"},
+    "live": {"algorithms", "encoders", "evaluation", "plotting", "runs", "zoo"},
+    "cli": {
+        "",
+        "algorithms",
+        "diagnostics",
+        "evaluation",
+        "export",
+        "files",
+        "live",
+        "plotting",
+        "report",
+        "runs",
+        "zoo",
+    },
     "quickstart": {"", "evaluation", "files", "plotting", "resume", "runs"},
 }
 KNOWS = {  # beyond the standard library, numpy and the rooms below

@@ -143,6 +143,7 @@ class MetaWorldEnv(gym.Env[Observation, NDArray[np.float32]]):
     """
 
     metadata = {"render_modes": ["human", "rgb_array", "depth_array"], "render_fps": 80}  # noqa: RUF012  # as there
+    sets_task_at_reset = True  # Meta-World's own environments do
 
     def __init__(self, name: str, seed: int = 1, render_mode: str | None = None) -> None:
         self.render_mode = render_mode

@@ -12,6 +12,7 @@ from difflib import get_close_matches
 import sb3_bruno
 from sb3_bruno.cli.evaluate import diagnose, evaluate, plot
 from sb3_bruno.cli.export import export
+from sb3_bruno.cli.live import live
 from sb3_bruno.cli.mistake import Mistake
 from sb3_bruno.cli.report import report
 from sb3_bruno.cli.sweep import sweep
@@ -24,6 +25,7 @@ COMMANDS: dict[str, Callable[[Arguments], None]] = {
     "train": train,
     "enjoy": enjoy,
     "record-video": record_video,
+    "live": live,
     "sweep": sweep,
     "evaluate": evaluate,
     "diagnose": diagnose,

@@ -74,6 +74,7 @@ def load_trained(
     split: str = "test",
     steps: int | None = None,
     gym_packages: Sequence[str] = (),
+    needs_tasks: bool = True,
 ) -> TrainedAgent:
     """Load the agent of a run, and what it is to be tested on.
 
@@ -86,11 +87,12 @@ def load_trained(
         split: the tasks to test on, "train" or "test".
         steps: length of a test episode; None for the environment's own.
         gym_packages: packages to import, besides those that the run remembers.
+        needs_tasks: whether the environment must have a list of tasks; False for who tests nothing.
 
     Raises:
         ValueError: if no agent can be loaded, or not with the statistics that it was trained with; if all runs are
-            unfinished and ``exp_id`` chooses none, its environment has no list of tasks, or ``steps`` would cut a
-            trial.
+            unfinished and ``exp_id`` chooses none; if its environment has no list of tasks, and ``needs_tasks``; or if
+            ``steps`` would cut a trial.
     """
     package, _, env = env.rpartition(":")
     packages = [*gym_packages, *([package] if package else [])]
@@ -119,7 +121,7 @@ def load_trained(
     def make_test_env(**more: Any) -> gym.Env[Any, Any]:
         return make_env(env, {**env_kwargs, **more}, wrap)
 
-    test = _test_tasks(make_test_env, env, split)
+    test = _test_tasks(make_test_env, env, split, is_needed=needs_tasks)
     if steps is not None and test.n_inner > 1:
         raise ValueError(f"--steps {steps}: a trial is as long as its {test.n_inner} episodes, so leave it out")
     model = _load(algo, model_path)
@@ -163,19 +165,20 @@ def packages_of_run(algo: str, env: str, logs: str | Path, exp_id: int = 0) -> l
     return SavedRun.load(run / name).gym_packages if exists else None
 
 
-def _test_tasks(make_env: MakeEnv, env_id: str, split: str) -> TestTasks:
+def _test_tasks(make_env: MakeEnv, env_id: str, split: str, *, is_needed: bool) -> TestTasks:
     """List the tasks of a split.
 
     Raises:
-        ValueError: if the environment has no such list.
+        ValueError: if the environment has no such list, and ``is_needed``.
     """
     env = make_env()
     try:
         tasks = tasks_of(env, split)
-        if len(tasks) == 0:
+        if len(tasks) == 0 and is_needed:
             remedy = "give its MetaTask a TaskSet, or an array of tasks"
             raise ValueError(f"--env {env_id}: the environment has no list of {split} tasks to test on: {remedy}")
-        is_inside = getattr(env.get_wrapper_attr("task_distribution"), "inside_train_box", None)
+        listed = len(tasks) > 0
+        is_inside = getattr(env.get_wrapper_attr("task_distribution"), "inside_train_box", None) if listed else None
         inside = np.ones(len(tasks), dtype=bool) if is_inside is None else is_inside(tasks)
         n_inner = env.get_wrapper_attr("n_episodes") if env.has_wrapper_attr("n_episodes") else 1
         return TestTasks(tasks, tasks_of(env, "train"), inside, n_inner)

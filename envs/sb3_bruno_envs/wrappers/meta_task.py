@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from gymnasium.utils import RecordConstructorArgs
+from numpy.typing import ArrayLike
 
 from sb3_bruno_envs.task_effect import find_task_without_effect
 from sb3_bruno_envs.tasks import (
@@ -188,6 +189,35 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         if self._when == "after_reset" and "trial_final_observation" in info:  # Trial has reset the environment
             observation = self._apply_late(observation)
         return observation, reward, terminated, truncated, self._with_task(info)
+
+    def switch_task(self, task: ArrayLike) -> dict[str, Any]:
+        """Switch to another task in mid-episode: the next step is the first one of it.
+
+        Nothing is reset. What a task says of an episode's beginning counts from the next reset on.
+
+        Args:
+            task: ``(dim,)``, in ``task_space``.
+
+        Returns:
+            What ``info`` says of the task from here on.
+
+        Raises:
+            ResetNeeded: before the first reset.
+            ValueError: if the task is outside ``task_space``, or the environment refuses it; the task then stays.
+        """
+        before, switched = self.task, check_task(task, self.task_space, "task")
+        self._task = switched
+        try:
+            self._apply()
+            self._task_name = None if self._name_task is None else self._named(self._name_task)
+        except Exception:
+            self._task = before
+            self._apply()
+            raise
+        self._task_index = self._index_of(switched)
+        if self._draw == "fixed":
+            self._kept = switched
+        return self._with_task({})
 
     def _apply(self) -> Any:
         """Apply the task; return what ``apply_task`` returned."""

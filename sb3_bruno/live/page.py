@@ -1,0 +1,166 @@
+"""The page: it shows an agent that acts at its environment's own pace, and does what its visitors ask for."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import viser
+
+from sb3_bruno.live.pace import Pace
+from sb3_bruno.live.panel import Panel
+from sb3_bruno.live.picture import PictureScene
+from sb3_bruno.live.readout import Readout
+from sb3_bruno.live.robot import RobotScene, is_robot
+from sb3_bruno.live.session import Moment, Session
+from sb3_bruno.live.view import View
+
+_FRAME = 1 / 30  # seconds between two images, at least
+_CHART = 1 / 8  # seconds between two drawings of the charts, at least
+_PATIENCE = 0.5  # seconds that a page waits for visitors before it looks whether it should end
+
+
+class Scene(Protocol):
+    """What an environment is shown in."""
+
+    @property
+    def view(self) -> View:
+        """Return where to look from."""
+
+    def draw(self) -> None:
+        """Show the environment as it is now."""
+
+
+class Page:
+    """Serves a page on which an agent acts.
+
+    Args:
+        agents: the names of the agents to choose from.
+        open_session: opens the agent of a name.
+        chosen: the agent to begin with.
+        host: the address to listen at.
+        port: its port; the next free one is taken if it is in use.
+    """
+
+    def __init__(
+        self,
+        agents: Sequence[str],
+        open_session: Callable[[str], Session],
+        chosen: str,
+        *,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+    ) -> None:
+        self._agents, self._open_session = agents, open_session
+        self._chosen, self.session = chosen, open_session(chosen)
+        self._asked: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._ends = threading.Event()
+        self._pace = Pace()
+        self.server = viser.ViserServer(host=host, port=port, label="sb3-bruno live", verbose=False)
+        self.server.gui.configure_theme(show_logo=False, show_share_button=False)
+        self._build()
+
+    @property
+    def url(self) -> str:
+        """Return the page's address."""
+        host = self.server.get_host()
+        return f"http://{'localhost' if host == '0.0.0.0' else host}:{self.server.get_port()}"
+
+    def run(self) -> None:
+        """Act, while anybody looks on, until ``end`` is called."""
+        try:
+            while not self._ends.is_set():
+                try:
+                    waits = self.session.is_paused or not self.server.get_clients()
+                    asked = self._asked.get(timeout=_PATIENCE if waits else self._pace.wait())
+                except queue.Empty:
+                    if not waits:
+                        self._step()
+                else:
+                    self._obey(asked)
+        finally:
+            self.session.close()
+            self.server.stop()
+
+    def end(self) -> None:
+        """End ``run``; any thread may call it."""
+        self._ends.set()
+        self._asked.put(lambda: None)
+
+    def _step(self) -> None:
+        self._pace.step(self.session.seconds_per_step)
+        self._readout.add(moment := self.session.step())
+        self._show(moment)
+
+    def _obey(self, asked: Callable[[], None]) -> None:
+        """Do what a visitor asked for. What is wrong with it is told to all visitors."""
+        n_episodes = self.session.n_episodes
+        try:
+            asked()
+        except ValueError as error:
+            for client in self.server.get_clients().values():
+                client.add_notification("This cannot be done", str(error), auto_close_seconds=10.0, color="red")
+        else:
+            begins = self.session.n_episodes != n_episodes
+            self._panel.show(None if begins else self._moment)
+            if begins and self._scene is not None:
+                self._scene.draw()
+
+    def _show(self, moment: Moment) -> None:
+        """Show a step, the picture and the charts no more often than can be seen."""
+        self._moment, now = moment, time.monotonic()
+        if self._scene is not None and now - self._drawn >= _FRAME:
+            self._scene.draw()
+            self._drawn = now
+        if now - self._charted >= _CHART:
+            with self.server.atomic():
+                self._panel.show(moment)
+                self._readout.show()
+            self._charted = now
+
+    def _open(self, name: str) -> None:
+        """Show another agent.
+
+        Raises:
+            ValueError: if it cannot be loaded; the page then stays as it is.
+        """
+        if name == self._chosen:
+            return
+        session = self._open_session(name)
+        self.session.close()
+        self._chosen, self.session = name, session
+        self._build()
+
+    def _build(self) -> None:
+        """Build the page for its session."""
+        gui = self.server.gui
+        gui.reset()
+        self.server.scene.reset()
+        self._moment: Moment | None = None
+        self._drawn = self._charted = 0.0
+        self._scene = make_scene(self.server, self.session.env)
+        self._look(View((0.0, -3.0, 1.0), (0.0, 0.0, 0.0)) if self._scene is None else self._scene.view)
+        self._panel = Panel(gui, self.session, self._agents, self._chosen, self._asked.put, self._open)
+        beside = gui.add_panel()
+        with beside.add_tab("What the agent believes"):
+            self._readout = Readout(gui, self.session)
+        gui.main_panel.dock_left()
+        gui.main_panel.set_width(290)
+        beside.dock_right()
+        beside.set_width(380)
+
+    def _look(self, view: View) -> None:
+        """Move the cameras of all visitors, also of those who come later."""
+        self.server.initial_camera.position, self.server.initial_camera.look_at = view
+        for client in self.server.get_clients().values():
+            client.camera.position, client.camera.look_at = view
+
+
+def make_scene(server: viser.ViserServer, env: Any) -> Scene | None:
+    """Make the scene of an environment; None if it can be neither shown in 3-D nor painted."""
+    if is_robot(env):
+        return RobotScene(server, env)
+    return PictureScene(server, env) if env.render_mode == "rgb_array" else None

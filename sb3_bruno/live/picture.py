@@ -1,0 +1,52 @@
+"""Shows an environment that paints itself, as a picture that stands in the scene."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from sb3_bruno.live.view import View
+
+_HEIGHT = 2.0  # of the picture in the scene, in m
+_BORDER, _GREY = ((3, 3), (3, 3), (0, 0)), 190  # of the picture, for many are white, as the page is
+_FEWEST_PIXELS = 512  # of its height; a browser blurs what is smaller
+
+
+class PictureScene:
+    """Shows what ``render`` returns.
+
+    Args:
+        server: the page's server, whose scene is empty.
+        env: an environment with ``render_mode="rgb_array"``, which has been reset.
+    """
+
+    view = View(position=(0.0, -2.4, 0.0), look_at=(0.0, 0.0, 0.0))
+
+    def __init__(self, server: viser.ViserServer, env: gym.Env[Any, Any]) -> None:
+        self._env = env
+        image = self._image()
+        height, width = image.shape[:2]
+        self._picture = server.scene.add_image(
+            "/picture",
+            image,
+            render_width=_HEIGHT * width / height,
+            render_height=_HEIGHT,
+            wxyz=(2**-0.5, -(2**-0.5), 0.0, 0.0),  # upright, its face to the camera
+            format="png",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def draw(self) -> None:
+        """Show the picture as it is now."""
+        self._picture.image = self._image()
+
+    def _image(self) -> NDArray[np.uint8]:
+        """Paint the environment, each pixel a block if there are few."""
+        image = np.asarray(self._env.render(), dtype=np.uint8)
+        factor = -(-_FEWEST_PIXELS // len(image))
+        return np.pad(image.repeat(factor, axis=0).repeat(factor, axis=1), _BORDER, constant_values=_GREY)

@@ -1,0 +1,103 @@
+"""Says how people may choose an environment's task: from a few by name, as a direction, or by its numbers."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, TypeAlias
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sb3_bruno.evaluation.task_names import task_labels
+from sb3_bruno.zoo.environments import tasks_of
+
+FEW = 8
+"""Up to so many tasks have a button each."""
+
+
+class FewTasks(NamedTuple):
+    """Tasks to choose from, ``(n, task_dim)``, and what they are called."""
+
+    tasks: NDArray[np.float32]
+    labels: list[str]
+
+
+class Direction(NamedTuple):
+    """A unit vector of the plane, by its angle in degrees between two bounds."""
+
+    low: float
+    high: float
+
+    def task(self, degrees: float) -> NDArray[np.float32]:
+        """Return the task of an angle, ``(2,)``."""
+        return np.array([np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))], dtype=np.float32)
+
+    def degrees(self, task: ArrayLike) -> float:
+        """Return the angle of a task, within the bounds."""
+        return float(np.clip(_angles(np.asarray(task)), self.low, self.high))
+
+
+class Entries(NamedTuple):
+    """A task's numbers, each between two bounds, ``(task_dim,)``, and what they are called."""
+
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    labels: list[str]
+
+
+TaskChoice: TypeAlias = FewTasks | Direction | Entries
+
+
+def find_choice(env: gym.Env[Any, Any]) -> TaskChoice | None:
+    """Find how people may choose the task of an environment.
+
+    Returns:
+        None if the environment has no task, or but one.
+    """
+    if not env.has_wrapper_attr("task_space"):
+        return None
+    train = tasks_of(env, "train")
+    known = _distinct([train, tasks_of(env, "test")])
+    if 1 <= len(known) <= FEW:
+        return FewTasks(known, task_labels(known, _names(env, known))) if len(known) > 1 else None
+    if len(train) and train.shape[1] == 2 and np.allclose(np.linalg.norm(train, axis=1), 1.0, atol=1e-3):
+        angles = _angles(train)
+        all_around = np.ptp(angles) > 300.0
+        return Direction(-180.0, 180.0) if all_around else Direction(float(angles.min()), float(angles.max()))
+    return _entries(env, train)
+
+
+def _entries(env: gym.Env[Any, Any], train: NDArray[np.float32]) -> Entries | None:
+    """Bound each number by the training box, or where there is none by the space, or by the tasks themselves."""
+    box = getattr(env.get_wrapper_attr("task_distribution"), "train_box", env.get_wrapper_attr("task_space"))
+    low, high = box.low.astype(np.float64), box.high.astype(np.float64)
+    if len(train):
+        low = np.where(np.isfinite(low), low, train.min(axis=0))
+        high = np.where(np.isfinite(high), high, train.max(axis=0))
+    return Entries(low, high, entry_labels(env, len(low))) if np.isfinite([low, high]).all() else None
+
+
+def entry_labels(env: gym.Env[Any, Any], task_dim: int) -> list[str]:
+    """Return what the numbers of a task are called, with their units: ``["speed (m/s)"]``."""
+    told = env.get_wrapper_attr("task_entries") if env.has_wrapper_attr("task_entries") else None
+    if told is None:
+        return ["task"] if task_dim == 1 else [f"task, number {place + 1}" for place in range(task_dim)]
+    return [f"{name} ({unit})" if unit else name for name, unit in told]
+
+
+def _names(env: gym.Env[Any, Any], tasks: NDArray[np.float32]) -> list[str]:
+    """Return what the environment calls tasks, ``""`` for nothing."""
+    name_of = env.get_wrapper_attr("name_of") if env.has_wrapper_attr("name_of") else lambda task: None
+    return [name_of(task) or "" for task in tasks]
+
+
+def _distinct(sets: list[NDArray[np.float32]]) -> NDArray[np.float32]:
+    """Return the rows of all sets, each once, in their order."""
+    rows = [row for tasks in sets for row in tasks]
+    kept = {row.tobytes(): row for row in reversed(rows)}  # the first of equal rows
+    return np.array([row for row in rows if row is kept[row.tobytes()]], dtype=np.float32)
+
+
+def _angles(vectors: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the angles of vectors ``(..., 2)`` in degrees, from -180 to 180."""
+    return np.asarray(np.rad2deg(np.arctan2(vectors[..., 1], vectors[..., 0])), dtype=np.float64)
