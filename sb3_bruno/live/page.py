@@ -30,8 +30,11 @@ class Scene(Protocol):
     def view(self) -> View:
         """Return where to look from."""
 
-    def draw(self) -> None:
-        """Show the environment as it is now."""
+    def update(self, *, jumps: bool) -> None:
+        """Note where the environment is after a step, or where it jumped to at a reset."""
+
+    def draw(self, progress: float) -> None:
+        """Show it on its way there, from 0 to 1."""
 
 
 class Page:
@@ -73,12 +76,12 @@ class Page:
         """Act, while anybody looks on, until ``end`` is called."""
         try:
             while not self._ends.is_set():
+                waits = self.session.is_paused or not self.server.get_clients()
                 try:
-                    waits = self.session.is_paused or not self.server.get_clients()
-                    asked = self._asked.get(timeout=_PATIENCE if waits else self._pace.wait())
+                    asked = self._asked.get(timeout=_PATIENCE if waits else min(self._pace.wait(), _FRAME))
                 except queue.Empty:
                     if not waits:
-                        self._step()
+                        self._go_on()
                 else:
                     self._obey(asked)
         finally:
@@ -90,10 +93,23 @@ class Page:
         self._ends.set()
         self._asked.put(lambda: None)
 
-    def _step(self) -> None:
-        self._pace.step(self.session.seconds_per_step)
-        self._readout.add(moment := self.session.step())
-        self._show(moment)
+    def _go_on(self) -> None:
+        """Take a step if one is due; show the picture and the charts no more often than can be seen."""
+        if self._pace.wait() == 0.0:
+            self._pace.step(self.session.seconds_per_step)
+            self._moment = self.session.step()
+            self._readout.add(self._moment)
+            if self._scene is not None:
+                self._scene.update(jumps=self._moment.step == 1)
+        now = time.monotonic()
+        if self._scene is not None and now - self._drawn >= _FRAME:
+            self._scene.draw(self._pace.progress())
+            self._drawn = now
+        if now - self._charted >= _CHART:
+            with self.server.atomic():
+                self._panel.show(self._moment)
+                self._readout.show()
+            self._charted = now
 
     def _obey(self, asked: Callable[[], None]) -> None:
         """Do what a visitor asked for. What is wrong with it is told to all visitors."""
@@ -104,22 +120,12 @@ class Page:
             for client in self.server.get_clients().values():
                 client.add_notification("This cannot be done", str(error), auto_close_seconds=10.0, color="red")
         else:
-            begins = self.session.n_episodes != n_episodes
-            self._panel.show(None if begins else self._moment)
-            if begins and self._scene is not None:
-                self._scene.draw()
-
-    def _show(self, moment: Moment) -> None:
-        """Show a step, the picture and the charts no more often than can be seen."""
-        self._moment, now = moment, time.monotonic()
-        if self._scene is not None and now - self._drawn >= _FRAME:
-            self._scene.draw()
-            self._drawn = now
-        if now - self._charted >= _CHART:
-            with self.server.atomic():
-                self._panel.show(moment)
-                self._readout.show()
-            self._charted = now
+            if self.session.n_episodes != n_episodes:
+                self._moment = None
+                if self._scene is not None:
+                    self._scene.update(jumps=True)
+                    self._scene.draw(1.0)
+            self._panel.show(self._moment)
 
     def _open(self, name: str) -> None:
         """Show another agent.

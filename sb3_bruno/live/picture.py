@@ -27,7 +27,7 @@ class PictureScene:
     view = View(position=(0.0, -2.4, 0.0), look_at=(0.0, 0.0, 0.0))
 
     def __init__(self, server: viser.ViserServer, env: gym.Env[Any, Any]) -> None:
-        self._env = env
+        self._env, self._is_old = env, False
         image = self._image()
         height, width = image.shape[:2]
         self._picture = server.scene.add_image(
@@ -41,9 +41,15 @@ class PictureScene:
             receive_shadow=False,
         )
 
-    def draw(self) -> None:
+    def update(self, *, jumps: bool) -> None:
+        """Note that the environment has taken a step."""
+        self._is_old = True
+
+    def draw(self, progress: float) -> None:
         """Show the picture as it is now."""
-        self._picture.image = self._image()
+        if self._is_old:
+            self._picture.image = self._image()
+            self._is_old = False
 
     def _image(self) -> NDArray[np.uint8]:
         """Paint the environment, each pixel a block if there are few."""

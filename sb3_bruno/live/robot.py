@@ -5,12 +5,13 @@ The world moves under the robot, so a camera that stands still follows it over a
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import mujoco
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from sb3_bruno.live.geometry import is_floor, shapes_of
 from sb3_bruno.live.view import View
@@ -35,6 +36,7 @@ class RobotScene:
     def __init__(self, server: viser.ViserServer, env: gym.Env[Any, Any]) -> None:
         inner: Any = env.unwrapped
         self._model, self._data = inner.model, inner.data
+        self._followed = min(1, self._model.nbody - 1)  # 0 is the world
         self._server = server
         self._world = server.scene.add_frame("/world", show_axes=False)
         self._bodies = [server.scene.add_frame(f"/world/body_{i}", show_axes=False) for i in range(self._model.nbody)]
@@ -52,7 +54,8 @@ class RobotScene:
             )
             self._shapes.append((handle, shape))
         self._add_floor()
-        self.draw()
+        self.update(jumps=True)
+        self.draw(1.0)
 
     def _add_floor(self) -> None:
         """Lay an endless floor where the model has a level plane."""
@@ -73,18 +76,39 @@ class RobotScene:
     def view(self) -> View:
         """Return where to look from: aside, at the robot's middle."""
         size = float(np.clip(self._model.stat.extent, 0.5, 4.0))
-        height = float(self._data.xpos[1][2])
+        height = float(self._data.xpos[self._followed][2])
         return View(position=(0.15 * size, -0.85 * size, height + 0.25 * size), look_at=(0.0, 0.0, 0.7 * height))
 
-    def draw(self) -> None:
-        """Move the bodies to where they are."""
-        followed = self._data.xpos[min(1, self._model.nbody - 1)]
+    def update(self, *, jumps: bool) -> None:
+        """Note where the bodies are now; if they jumped, as at a reset, forget where they were."""
+        poses = _Poses(self._data.xpos.copy(), self._data.xquat.copy())
+        self._before = poses if jumps else self._now
+        self._now = poses
+
+    def draw(self, progress: float) -> None:
+        """Show the bodies on their way from where they were to where they are, 0 to 1."""
+        positions, orientations = self._before.towards(self._now, progress)
+        followed = positions[self._followed]
         with self._server.atomic():
             self._world.position = (-followed[0], -followed[1], 0.0)
-            for frame, position, wxyz in zip(self._bodies, self._data.xpos, self._data.xquat, strict=True):
+            for frame, position, wxyz in zip(self._bodies, positions, orientations, strict=True):
                 frame.position, frame.wxyz = position, wxyz
             for handle, shape in self._shapes:  # an environment may move them, as the mark of a goal
                 handle.position = shape.position
+
+
+class _Poses(NamedTuple):
+    """Where the bodies are, ``(n_bodies, 3)``, and how they are turned, as quaternions ``(n_bodies, 4)``."""
+
+    positions: NDArray[np.float64]
+    orientations: NDArray[np.float64]
+
+    def towards(self, other: _Poses, progress: float) -> _Poses:
+        """Go a part of the way to other poses, the shorter way round."""
+        sign = np.where((self.orientations * other.orientations).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
+        turned = (1 - progress) * self.orientations + progress * sign * other.orientations
+        unit = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+        return _Poses((1 - progress) * self.positions + progress * other.positions, unit)
 
 
 def is_robot(env: gym.Env[Any, Any]) -> bool:
