@@ -32,7 +32,8 @@ class Chart:
         lines: how they look.
         bands: pairs of lines, the upper one first, between which the second's colour is laid on thinly.
         between: the range of the vertical axis; None: that of the lines.
-        linear_to: where the vertical axis, which is linear up to there, becomes logarithmic; None: nowhere.
+        linear_to: up to where the vertical axis is linear; beyond it is logarithmic, to a hundred times that. None:
+            everywhere.
     """
 
     def __init__(
@@ -51,8 +52,10 @@ class Chart:
             {"stroke": look.colour, "width": look.width, "dash": look.dash, "points": {"show": False}} for look in lines
         ]
         vertical: dict[str, Any] = {} if between is None else {"range": between}
+        marks: dict[str, Any] = {}
         if linear_to is not None:
-            vertical |= {"distr": 4, "asinh": linear_to}
+            splits = [-10 * linear_to, -linear_to, 0.0, linear_to, 10 * linear_to, 100 * linear_to]
+            vertical, marks = {"distr": 4, "asinh": linear_to, "range": (splits[0], splits[-1])}, {"splits": splits}
         thin = {"stroke": "#e9ecef", "width": 1}
         axis = {"font": "11px sans-serif", "stroke": GREY, "grid": thin, "ticks": {**thin, "size": 4}}
         self._chart = gui.add_uplot(
@@ -60,7 +63,7 @@ class Chart:
             series=tuple(series),
             bands=tuple({"series": (up + 1, low + 1), "fill": lines[low].colour + "30"} for up, low in bands) or None,
             scales={"x": {"time": False}, "y": vertical},
-            axes=({**axis, "size": 24}, {**axis, "size": 42}),
+            axes=({**axis, "size": 24}, {**axis, **marks, "size": 42}),
             legend={"show": False},
             cursor={"show": False},
             height=_HEIGHT,

@@ -11,7 +11,6 @@ from sb3_bruno.live.words import chances, color_of, numbers, page_part, place_of
 from sb3_bruno.plotting.style import INK
 
 _MOST_NUMBERS = 4  # of a task in one chart; more cannot be told apart
-_NATS = (-100.0, 1000.0)  # a switch of the task surprises by some hundreds
 _EVIDENCE = "#D55E00"
 
 
@@ -32,7 +31,7 @@ class Readout:
         if session.can_forget:
             lines = [Line(INK, 1.0), Line(_EVIDENCE, 2.0), Line(GREY, 1.0, (4, 4))]
             title = "Surprise in nats, and its sum (orange)"
-            self._surprise = Chart(gui, title, lines, between=_NATS, linear_to=NATS)
+            self._surprise = Chart(gui, title, lines, linear_to=NATS)  # a switch of the task surprises by hundreds
 
     def add(self, moment: Moment) -> None:
         """Take in one more step."""

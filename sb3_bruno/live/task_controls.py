@@ -70,7 +70,9 @@ def _add_sliders(gui: viser.GuiApi, session: Session, do: Do, choice: Entries) -
     """Add a slider for each number of the task."""
     sliders = []
     for label, low, high, value in zip(choice.labels, choice.low, choice.high, session.task, strict=True):
-        sliders.append(_add_slider(gui, label, float(low), float(high), _step(high - low), float(value)))
+        step = _step(high - low)
+        low, high = (_rounded(bound, step) for bound in (low, high))
+        sliders.append(_add_slider(gui, label, low, high, step, float(value)))
 
     def apply() -> None:
         session.set_task(np.clip([slider.value for slider in sliders], choice.low, choice.high))
@@ -111,4 +113,9 @@ def _step(width: float) -> float:
 
 def _fitting(value: float, low: float, high: float, step: float) -> float:
     """Return the number nearest to a value that a slider can show."""
-    return min(max(round(value, max(-math.floor(math.log10(step)), 0)), low), high)
+    return min(max(_rounded(value, step), low), high)
+
+
+def _rounded(value: float, step: float) -> float:
+    """Return a number with as many digits as a step: 0.667 as 0.67 with a step of 0.01."""
+    return round(float(value), max(-math.floor(math.log10(step)), 0))
