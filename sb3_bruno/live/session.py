@@ -11,6 +11,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecNormalize
 
+from sb3_bruno.algorithms.task_estimate import TaskEstimate
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders import Predicts
 from sb3_bruno.evaluation.told import task_name
@@ -40,7 +41,7 @@ class Moment(NamedTuple):
     task_name: str
     reward: float
     episode_return: float
-    estimate: Any
+    estimate: TaskEstimate | None
     surprise: float | None
     evidence: float | None
 
@@ -191,7 +192,7 @@ class Session:
         """Read the evidence, the last of what an agent that forgets carries."""
         return None if self.forget_threshold is None else float(np.ravel(self._state[-1])[0])
 
-    def _try_readout(self) -> tuple[Any, str]:
+    def _try_readout(self) -> tuple[TaskEstimate | None, str]:
         """Return the read-out of the prior and ``""``, or None and why there is no read-out."""
         if not isinstance(self.model, TaskInference):
             return None, f"{type(self.model).__name__} does not infer its task, so there is no read-out."

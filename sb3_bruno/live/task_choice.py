@@ -8,11 +8,9 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sb3_bruno.algorithms.task_estimate import FEW_TASKS
 from sb3_bruno.evaluation.task_names import task_labels
 from sb3_bruno.zoo.environments import tasks_of
-
-FEW = 8
-"""Up to so many tasks have a button each."""
 
 
 class FewTasks(NamedTuple):
@@ -58,7 +56,7 @@ def find_choice(env: gym.Env[Any, Any]) -> TaskChoice | None:
         return None
     train = tasks_of(env, "train")
     known = _distinct([train, tasks_of(env, "test")])
-    if 1 <= len(known) <= FEW:
+    if 1 <= len(known) <= FEW_TASKS:
         return FewTasks(known, task_labels(known, _names(env, known))) if len(known) > 1 else None
     if len(train) and train.shape[1] == 2 and np.allclose(np.linalg.norm(train, axis=1), 1.0, atol=1e-3):
         angles = _angles(train)
@@ -81,7 +79,7 @@ def entry_labels(env: gym.Env[Any, Any], task_dim: int) -> list[str]:
     """Return what the numbers of a task are called, with their units: ``["speed (m/s)"]``."""
     told = env.get_wrapper_attr("task_entries") if env.has_wrapper_attr("task_entries") else None
     if told is None:
-        return ["task"] if task_dim == 1 else [f"task, number {place + 1}" for place in range(task_dim)]
+        return [f"task[{place}]" for place in range(task_dim)]
     return [f"{name} ({unit})" if unit else name for name, unit in told]
 
 

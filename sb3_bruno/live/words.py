@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from sb3_bruno.algorithms.task_estimate import TaskEstimate, TaskLabels
 from sb3_bruno.plotting.style import COLORS
 
-TaskEstimate: TypeAlias = Any
 _ROW = '<div style="display:flex;gap:0.5em;align-items:center;margin:0.15em 0">{}</div>'
 
 
@@ -44,19 +43,25 @@ def chances(labels: Sequence[str], probabilities: Sequence[float], truth: int) -
 
 def numbers(estimate: TaskEstimate, task: NDArray[np.float32] | None) -> str:
     """Write each of a task's numbers with its spread, and the true one beside it, where it is known."""
-    dim = estimate.mean.shape[-1]
-    names = estimate.labels.names or (["task"] if dim == 1 else [f"number {place + 1}" for place in range(dim)])
-    units = estimate.labels.units or [""] * dim
     rows = []
-    for place, (name, unit) in enumerate(zip(names, units, strict=True)):
-        told = f"{escape(name)} {estimate.mean[0, place]:.3g} ± {estimate.std[0, place]:.2g} {escape(unit)}"
+    for place, text in enumerate(_entries(estimate)):
         colour = f'<span style="color:{color_of(place)}">■</span>'
         truth = "" if task is None else f"true {task[place]:.3g}"
-        rows.append(_ROW.format(f"{colour}<b>{told}</b><span>{truth}</span>"))
+        rows.append(_ROW.format(f"{colour}<b>{escape(text)}</b><span>{truth}</span>"))
     return page_part("".join(rows))
 
 
-def place_of(task: Any, tasks: Any) -> int:
+def _entries(estimate: TaskEstimate) -> list[str]:
+    """Say each of a task's numbers by itself, as the estimate says them all."""
+    dim, labels = estimate.mean.shape[-1], estimate.labels
+    names = labels.names or tuple(f"task[{place}]" for place in range(dim))
+    units = labels.units or ("",) * dim
+    parts = [TaskLabels((name,), (unit,)) for name, unit in zip(names, units, strict=True)]
+    mean, std = estimate.mean[..., None], estimate.std[..., None]  # (..., task_dim, 1)
+    return [TaskEstimate(mean[:, i], std[:, i], None, None, part).texts()[0] for i, part in enumerate(parts)]
+
+
+def place_of(task: ArrayLike, tasks: NDArray[np.float32]) -> int:
     """Return which row of ``tasks`` is the task, or -1."""
     found = np.flatnonzero(np.isclose(tasks, task, atol=1e-5).all(axis=1))
     return int(found[0]) if len(found) else -1

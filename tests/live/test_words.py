@@ -1,19 +1,17 @@
 """What the agent believes is written in the task's own words and units, beside the truth."""
 
-from types import SimpleNamespace
-
 import numpy as np
 
+from sb3_bruno.algorithms.task_estimate import TaskEstimate, TaskLabels
 from sb3_bruno.live.history import History
 from sb3_bruno.live.session import Moment
 from sb3_bruno.live.words import chances, color_of, numbers, place_of
 
 
 def estimate(mean, std, names=(), units=(), probabilities=None):
-    labels = SimpleNamespace(names=names, units=units)
-    arrays = [np.array([array], dtype=np.float32) for array in (mean, std)]
+    arrays = (np.array([array], dtype=np.float32) for array in (mean, std))
     chance = None if probabilities is None else np.array([probabilities], dtype=np.float32)
-    return SimpleNamespace(mean=arrays[0], std=arrays[1], probabilities=chance, labels=labels)
+    return TaskEstimate(*arrays, None, chance, TaskLabels(names, units))
 
 
 def moment(step, told=None, task=None, surprise=None, evidence=None):
@@ -22,12 +20,12 @@ def moment(step, told=None, task=None, surprise=None, evidence=None):
 
 def test_a_number_has_its_name_its_spread_its_unit_and_the_truth():
     told = numbers(estimate([1.912], [0.104], ("speed",), ("m/s",)), np.array([2.0]))
-    assert "speed 1.91 ± 0.1 m/s" in told and "true 2" in told
+    assert "speed 1.91 ± 0.10 m/s" in told and "true 2" in told
 
 
 def test_numbers_without_names_are_counted():
     told = numbers(estimate([1.0, 2.0], [0.5, 0.5]), None)
-    assert "number 1 1 ± 0.5" in told and "number 2 2 ± 0.5" in told and "true" not in told
+    assert "task[0] 1.00 ± 0.50" in told and "task[1] 2.00 ± 0.50" in told and "true" not in told
 
 
 def test_the_true_one_of_a_few_tasks_is_marked():

@@ -206,15 +206,14 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             ValueError: if the task is outside ``task_space``, or the environment refuses it; the task then stays.
         """
         before, switched = self.task, check_task(task, self.task_space, "task")
-        self._task = switched
+        name, self._task = self.name_of(switched), switched
         try:
             self._apply()
-            self._task_name = None if self._name_task is None else self._named(self._name_task)
         except Exception:
             self._task = before
             self._apply()
             raise
-        self._task_index = self._index_of(switched)
+        self._task_name, self._task_index = name, self._index_of(switched)
         if self._draw == "fixed":
             self._kept = switched
         return self._with_task({})
