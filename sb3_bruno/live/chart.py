@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
-
-from sb3_bruno.live.history import Lines
+from viser.uplot import Axis, Band, Scale, Series
 
 GREY = "#868e96"
+LENGTH = 200
+"""How many steps are shown."""
 _HEIGHT = 125  # pixels
+_THIN = "#e9ecef"
 
 
 class Line(NamedTuple):
@@ -20,11 +22,11 @@ class Line(NamedTuple):
 
     colour: str
     width: float = 1.5
-    dash: tuple[int, ...] = ()
+    dash: tuple[float, ...] = ()
 
 
 class Chart:
-    """Draws lines over the steps.
+    """Draws lines over the last steps.
 
     Args:
         gui: where it is added.
@@ -46,30 +48,57 @@ class Chart:
         between: tuple[float, float] | None = None,
         linear_to: float | None = None,
     ) -> None:
+        self._rows: deque[tuple[float, ...]] = deque([(0.0,) * (1 + len(lines))], maxlen=LENGTH)
+        self._is_empty = True
         gui.add_html(f'<div style="font-size:0.8em;font-weight:600;padding:0.2em 1em 0">{title}</div>')
-        series: list[dict[str, Any]] = [{}]
-        series += [
-            {"stroke": look.colour, "width": look.width, "dash": look.dash, "points": {"show": False}} for look in lines
-        ]
-        vertical: dict[str, Any] = {} if between is None else {"range": between}
-        marks: dict[str, Any] = {}
-        if linear_to is not None:
-            splits = [-10 * linear_to, -linear_to, 0.0, linear_to, 10 * linear_to, 100 * linear_to]
-            vertical, marks = {"distr": 4, "asinh": linear_to, "range": (splits[0], splits[-1])}, {"splits": splits}
-        thin = {"stroke": "#e9ecef", "width": 1}
-        axis = {"font": "11px sans-serif", "stroke": GREY, "grid": thin, "ticks": {**thin, "size": 4}}
+        series: list[Series] = [{}]
+        for look in lines:
+            series.append({"stroke": look.colour, "width": look.width, "dash": look.dash, "points": {"show": False}})
+        fills: list[Band] = [{"series": (up + 1, low + 1), "fill": lines[low].colour + "30"} for up, low in bands]
+        vertical, axis = _vertical(between, linear_to)
         self._chart = gui.add_uplot(
-            data=tuple(np.zeros(1) for _ in range(len(lines) + 1)),
+            data=self._arrays(),
             series=tuple(series),
-            bands=tuple({"series": (up + 1, low + 1), "fill": lines[low].colour + "30"} for up, low in bands) or None,
+            bands=tuple(fills) or None,
             scales={"x": {"time": False}, "y": vertical},
-            axes=({**axis, "size": 24}, {**axis, **marks, "size": 42}),
+            axes=(_axis(24), axis),
             legend={"show": False},
             cursor={"show": False},
             height=_HEIGHT,
             padding=(8, 12, 0, 0),
         )
 
-    def show(self, steps: NDArray[np.float64], lines: Lines) -> None:
-        """Draw lines, each ``(n,)`` as ``steps`` is, of finite numbers: one that is not would empty the chart."""
-        self._chart.data = (steps, *lines)
+    def add(self, step: int, values: Sequence[float]) -> None:
+        """Take in the values of all lines at one more step, finite numbers: another would empty the chart."""
+        if self._is_empty:
+            self._rows.clear()
+            self._is_empty = False
+        self._rows.append((float(step), *map(float, np.nan_to_num(values))))
+
+    def show(self) -> None:
+        """Draw what was taken in."""
+        self._chart.data = self._arrays()
+
+    def _arrays(self) -> tuple[np.ndarray, ...]:
+        return tuple(np.array(self._rows).T)
+
+
+def _vertical(between: tuple[float, float] | None, linear_to: float | None) -> tuple[Scale, Axis]:
+    """Make the vertical scale and its axis."""
+    axis = _axis(42)
+    if linear_to is None:
+        return ({} if between is None else {"range": between}), axis
+    marks = (-10 * linear_to, -linear_to, 0.0, linear_to, 10 * linear_to, 100 * linear_to)
+    axis["splits"] = marks
+    return {"distr": 4, "asinh": linear_to, "range": (marks[0], marks[-1])}, axis
+
+
+def _axis(size: int) -> Axis:
+    """Make an axis of so many pixels."""
+    return {
+        "font": "11px sans-serif",
+        "stroke": GREY,
+        "grid": {"stroke": _THIN, "width": 1},
+        "ticks": {"stroke": _THIN, "width": 1, "size": 4},
+        "size": size,
+    }

@@ -57,11 +57,17 @@ def is_floor(model: Any, geom: int) -> bool:
 
 def _mesh(model: Any, kind: int, size: NDArray[np.float64], data: int) -> trimesh.Trimesh:
     """Make the mesh of a geom or site, by MuJoCo's conventions for sizes."""
-    create, kinds = trimesh.creation, mujoco.mjtGeom
-    if kind == kinds.mjGEOM_MESH:
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
         return _own_mesh(model, data)
-    if kind == kinds.mjGEOM_HFIELD:
+    if kind == mujoco.mjtGeom.mjGEOM_HFIELD:
         return _height_field(model, data)
+    mesh: trimesh.Trimesh = _primitive(kind, size)
+    return mesh
+
+
+def _primitive(kind: int, size: NDArray[np.float64]) -> Any:
+    """Make a mesh of one of MuJoCo's primitives."""
+    create, kinds = trimesh.creation, mujoco.mjtGeom
     if kind == kinds.mjGEOM_PLANE:  # 0 is endless
         return create.box([2 * (size[0] or 50.0), 2 * (size[1] or 50.0), 0.01])
     if kind == kinds.mjGEOM_CAPSULE:

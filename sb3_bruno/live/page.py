@@ -46,7 +46,18 @@ class Page:
         chosen: the agent to begin with.
         host: the address to listen at.
         port: its port; the next free one is taken if it is in use.
+
+    Attributes:
+        session: the agent that acts.
+        server: viser's.
     """
+
+    _moment: Moment | None  # the last step of the episode, if there is one
+    _scene: Scene | None
+    _panel: Panel
+    _readout: Readout
+    _drawn: float  # when the picture was drawn
+    _charted: float  # when the charts were
 
     def __init__(
         self,
@@ -81,7 +92,7 @@ class Page:
                     asked = self._asked.get(timeout=_PATIENCE if waits else min(self._pace.wait(), _FRAME))
                 except queue.Empty:
                     if not waits:
-                        self._go_on()
+                        self._try(self._go_on, "The agent cannot go on")
                 else:
                     self._obey(asked)
         finally:
@@ -97,10 +108,10 @@ class Page:
         """Take a step if one is due; show the picture and the charts no more often than can be seen."""
         if self._pace.wait() == 0.0:
             self._pace.step(self.session.seconds_per_step)
-            self._moment = self.session.step()
-            self._readout.add(self._moment)
+            moment = self._moment = self.session.step()
+            self._readout.add(moment)
             if self._scene is not None:
-                self._scene.update(jumps=self._moment.step == 1)
+                self._scene.update(jumps=moment.step == 1)
         now = time.monotonic()
         if self._scene is not None and now - self._drawn >= _FRAME:
             self._scene.draw(self._pace.progress())
@@ -112,20 +123,25 @@ class Page:
             self._charted = now
 
     def _obey(self, asked: Callable[[], None]) -> None:
-        """Do what a visitor asked for. What is wrong with it is told to all visitors."""
+        """Do what a visitor asked for, and show what it changed."""
         n_episodes = self.session.n_episodes
+        self._try(asked, "This cannot be done")
+        if self.session.n_episodes != n_episodes:
+            self._moment = None
+            if self._scene is not None:
+                self._scene.update(jumps=True)
+                self._scene.draw(1.0)
+        self._panel.show(self._moment)
+
+    def _try(self, act: Callable[[], None], failure: str) -> None:
+        """Do something. If it fails, tell all visitors why; an agent that cannot go on pauses."""
         try:
-            asked()
+            act()
         except ValueError as error:
-            for client in self.server.get_clients().values():
-                client.add_notification("This cannot be done", str(error), auto_close_seconds=10.0, color="red")
-        else:
-            if self.session.n_episodes != n_episodes:
-                self._moment = None
-                if self._scene is not None:
-                    self._scene.update(jumps=True)
-                    self._scene.draw(1.0)
+            self.session.is_paused |= act == self._go_on
             self._panel.show(self._moment)
+            for client in self.server.get_clients().values():
+                client.add_notification(failure, str(error), auto_close_seconds=10.0, color="red")
 
     def _open(self, name: str) -> None:
         """Show another agent.
@@ -145,7 +161,7 @@ class Page:
         gui = self.server.gui
         gui.reset()
         self.server.scene.reset()
-        self._moment: Moment | None = None
+        self._moment = None
         self._drawn = self._charted = 0.0
         self._scene = make_scene(self.server, self.session.env)
         self._look(View((0.0, -3.0, 1.0), (0.0, 0.0, 0.0)) if self._scene is None else self._scene.view)

@@ -41,7 +41,7 @@ class Panel:
             try:
                 open_agent(name)
             except ValueError:
-                pick.value = chosen
+                pick.value = chosen  # type: ignore[misc]  # mypy misses viser's setter
                 raise
 
         pick.on_update(lambda event: do(partial(open_or_stay, pick.value)))
@@ -56,7 +56,7 @@ class Panel:
     def _add_run_controls(self, gui: viser.GuiApi, do: Do) -> None:
         session = self._session
         with gui.add_folder("Run"):
-            pause = gui.add_button("Pause", color="dark", icon=viser.Icon.PLAYER_PAUSE)
+            self._pause = gui.add_button("Pause", color="dark", icon=viser.Icon.PLAYER_PAUSE)
             anew = gui.add_button(
                 "New episode", color="dark", icon=viser.Icon.REFRESH, hint="the agent starts from its prior"
             )
@@ -65,10 +65,8 @@ class Panel:
 
         def toggle() -> None:
             session.is_paused = not session.is_paused
-            pause.label = "Go on" if session.is_paused else "Pause"
-            pause.icon = viser.Icon.PLAYER_PLAY if session.is_paused else viser.Icon.PLAYER_PAUSE
 
-        pause.on_click(lambda event: do(toggle))
+        self._pause.on_click(lambda event: do(toggle))
         anew.on_click(lambda event: do(session.reset))
         speed.on_update(lambda event: do(lambda: setattr(session, "speed", float(speed.value))))
         exact.on_update(lambda event: do(lambda: setattr(session, "deterministic", exact.value)))
@@ -95,7 +93,10 @@ class Panel:
         step, total = (0, 0.0) if moment is None else (moment.step, moment.episode_return)
         self._status.content = page_part(f"Episode {session.n_episodes}, step {step}, return {total:.1f}")
         self._task.content = page_part(f"Hidden task: <b>{escape(session.task_name or _numbers(session))}</b>")
-        self._show_task()
+        self._pause.label = "Go on" if session.is_paused else "Pause"
+        self._pause.icon = viser.Icon.PLAYER_PLAY if session.is_paused else viser.Icon.PLAYER_PAUSE
+        if session.task is not None:
+            self._show_task(session.task)
 
 
 def _numbers(session: Session) -> str:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import viser
 
+from sb3_bruno.algorithms.task_estimate import TaskEstimate
 from sb3_bruno.live.chart import GREY, Chart, Line
-from sb3_bruno.live.history import History
 from sb3_bruno.live.session import NATS, Moment, Session
-from sb3_bruno.live.words import chances, color_of, numbers, page_part, place_of
+from sb3_bruno.live.words import chart_row, color_of, page_part, told
 from sb3_bruno.plotting.style import INK
 
 _MOST_NUMBERS = 4  # of a task in one chart; more cannot be told apart
@@ -23,48 +23,45 @@ class Readout:
     """
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
-        self._session, self._history = session, History()
+        self._session, self._n_steps = session, 0
+        self._task = session.task
         self._words = gui.add_html(page_part(session.no_readout))
-        self._belief = None if session.no_readout else _belief_chart(gui, session)
+        self._belief = None if session.estimate is None else _belief_chart(gui, session.estimate)
         self._reward = Chart(gui, "Reward of each step", [Line(INK)])
         self._surprise: Chart | None = None
         if session.can_forget:
             lines = [Line(INK, 1.0), Line(_EVIDENCE, 2.0), Line(GREY, 1.0, (4, 4))]
             title = "Surprise in nats, and its sum (orange)"
-            self._surprise = Chart(gui, title, lines, linear_to=NATS)  # a switch of the task surprises by hundreds
+            self._surprise = Chart(gui, title, lines, linear_to=NATS)  # a switch surprises by hundreds
+        self.show()
 
     def add(self, moment: Moment) -> None:
         """Take in one more step."""
-        self._history.add(moment)
+        self._n_steps += 1
+        self._task = moment.task
+        self._reward.add(self._n_steps, [moment.reward])
+        if self._surprise is not None:
+            threshold = self._session.forget_threshold or 0.0
+            self._surprise.add(self._n_steps, [moment.surprise or 0.0, moment.evidence or 0.0, threshold])
+        if self._belief is not None and moment.estimate is not None:
+            self._belief.add(self._n_steps, chart_row(moment.estimate, moment.task, _MOST_NUMBERS))
 
     def show(self) -> None:
         """Show the last steps."""
-        if len(self._history) == 0:
-            return
-        steps = self._history.steps
-        self._reward.show(steps, self._history.rewards())
-        if self._surprise is not None:
-            self._surprise.show(steps, self._history.surprises(self._session.forget_threshold))
-        if self._belief is None:
-            return
-        estimate, task = self._history.last.estimate, self._history.last.task
-        if estimate.probabilities is not None:
-            truth = -1 if task is None else place_of(task, estimate.tasks)
-            self._words.content = chances(estimate.labels.tasks, estimate.probabilities[0], truth)
-            self._belief.show(steps, self._history.probabilities())
-        else:
-            self._words.content = numbers(estimate, task)
-            self._belief.show(steps, self._history.entries(_MOST_NUMBERS))
+        for chart in (self._belief, self._reward, self._surprise):
+            if chart is not None:
+                chart.show()
+        if self._session.estimate is not None:
+            self._words.content = told(self._session.estimate, self._task)
 
 
-def _belief_chart(gui: viser.GuiApi, session: Session) -> Chart:
+def _belief_chart(gui: viser.GuiApi, prior: TaskEstimate) -> Chart:
     """Make the chart of the read-out: a probability for each of a few tasks, or a band for each of a task's numbers."""
-    if session.estimate.probabilities is not None:
-        lines = [Line(color_of(place), 2.0) for place in range(len(session.estimate.tasks))]
+    if prior.tasks is not None:
+        lines = [Line(color_of(place), 2.0) for place in range(len(prior.tasks))]
         return Chart(gui, "Probability of each task", lines, between=(0.0, 1.0))
-    n_shown = min(session.estimate.mean.shape[-1], _MOST_NUMBERS)
     lines, bands = [], []
-    for place in range(n_shown):
+    for place in range(min(prior.mean.shape[-1], _MOST_NUMBERS)):
         colour = color_of(place)
         bands.append((len(lines), len(lines) + 1))
         lines += [Line(colour, 0.0), Line(colour, 0.0), Line(colour, 2.0), Line(colour, 1.0, (4, 4))]

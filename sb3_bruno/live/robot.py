@@ -17,12 +17,6 @@ from sb3_bruno.live.geometry import is_floor, shapes_of
 from sb3_bruno.live.view import View
 
 _CELL = 0.5  # m, between the lines of the floor
-_FLOOR = {
-    "cell_color": (190, 194, 200),
-    "section_color": (120, 126, 136),
-    "cell_thickness": 0.6,
-    "section_thickness": 0.9,
-}
 
 
 class RobotScene:
@@ -42,19 +36,18 @@ class RobotScene:
         self._bodies = [server.scene.add_frame(f"/world/body_{i}", show_axes=False) for i in range(self._model.nbody)]
         self._shapes = []
         for shape in shapes_of(self._model):
-            colour = tuple(int(255 * part) for part in shape.rgba[:3])
             handle = server.scene.add_mesh_simple(
                 f"/world/body_{shape.body}/{shape.name}",
                 shape.mesh.vertices,
                 shape.mesh.faces,
-                color=colour,
+                color=(255 * shape.rgba[:3]).astype(np.uint8),
                 opacity=None if shape.rgba[3] >= 1 else float(shape.rgba[3]),
                 position=shape.position,
                 wxyz=shape.wxyz,
             )
             self._shapes.append((handle, shape))
         self._add_floor()
-        self.update(jumps=True)
+        self._before = self._now = self._poses()
         self.draw(1.0)
 
     def _add_floor(self) -> None:
@@ -69,7 +62,10 @@ class RobotScene:
                 position=(0.0, 0.0, float(height)),
                 fade_distance=40.0,
                 shadow_opacity=0.25,
-                **_FLOOR,
+                cell_color=(190, 194, 200),
+                cell_thickness=0.6,
+                section_color=(120, 126, 136),
+                section_thickness=0.9,
             )
 
     @property
@@ -81,9 +77,12 @@ class RobotScene:
 
     def update(self, *, jumps: bool) -> None:
         """Note where the bodies are now; if they jumped, as at a reset, forget where they were."""
-        poses = _Poses(self._data.xpos.copy(), self._data.xquat.copy())
+        poses = self._poses()
         self._before = poses if jumps else self._now
         self._now = poses
+
+    def _poses(self) -> _Poses:
+        return _Poses(self._data.xpos.copy(), self._data.xquat.copy())
 
     def draw(self, progress: float) -> None:
         """Show the bodies on their way from where they were to where they are, 0 to 1."""

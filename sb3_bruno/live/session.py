@@ -197,6 +197,7 @@ class Session:
         if not isinstance(self.model, TaskInference):
             return None, f"{type(self.model).__name__} does not infer its task, so there is no read-out."
         _, state = self.model.predict(self._seen()[0], None, deterministic=True)
+        assert state is not None  # of an agent that infers its task, for mypy
         try:
             return self.model.task_estimate(state), ""
         except ValueError as error:

@@ -43,7 +43,11 @@ class Entries(NamedTuple):
     labels: list[str]
 
 
-TaskChoice: TypeAlias = FewTasks | Direction | Entries
+class OnlyDrawn(NamedTuple):
+    """Nothing to choose by: tasks have no bounds."""
+
+
+TaskChoice: TypeAlias = FewTasks | Direction | Entries | OnlyDrawn
 
 
 def find_choice(env: gym.Env[Any, Any]) -> TaskChoice | None:
@@ -65,14 +69,14 @@ def find_choice(env: gym.Env[Any, Any]) -> TaskChoice | None:
     return _entries(env, train)
 
 
-def _entries(env: gym.Env[Any, Any], train: NDArray[np.float32]) -> Entries | None:
+def _entries(env: gym.Env[Any, Any], train: NDArray[np.float32]) -> Entries | OnlyDrawn:
     """Bound each number by the training box, or where there is none by the space, or by the tasks themselves."""
     box = getattr(env.get_wrapper_attr("task_distribution"), "train_box", env.get_wrapper_attr("task_space"))
     low, high = box.low.astype(np.float64), box.high.astype(np.float64)
     if len(train):
         low = np.where(np.isfinite(low), low, train.min(axis=0))
         high = np.where(np.isfinite(high), high, train.max(axis=0))
-    return Entries(low, high, entry_labels(env, len(low))) if np.isfinite([low, high]).all() else None
+    return Entries(low, high, entry_labels(env, len(low))) if np.isfinite([low, high]).all() else OnlyDrawn()
 
 
 def entry_labels(env: gym.Env[Any, Any], task_dim: int) -> list[str]:

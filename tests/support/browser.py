@@ -4,6 +4,7 @@ import shutil
 from contextlib import contextmanager
 
 from selenium import webdriver
+from selenium.common.exceptions import TimeoutException
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
@@ -20,7 +21,7 @@ FLAGS = [
     "--no-first-run",
     "--use-angle=swiftshader",
     "--use-gl=angle",
-    "--window-size=1280,800",
+    "--window-size=960,700",
 ]
 PATIENCE = 60  # seconds; the page draws slowly without a graphics card
 
@@ -43,12 +44,15 @@ def browser(profile):
 
 def text_of(driver):
     """All that the page says."""
-    return driver.find_element(By.TAG_NAME, "body").text
+    return driver.execute_script("return document.body.innerText")
 
 
 def wait_for(driver, condition):
     """Wait until ``condition()`` is true; the error shows what the page says instead."""
-    WebDriverWait(driver, PATIENCE, poll_frequency=0.1).until(lambda _: condition(), message=text_of(driver))
+    try:
+        WebDriverWait(driver, PATIENCE, poll_frequency=0.2).until(lambda _: condition())
+    except TimeoutException:
+        raise AssertionError(f"The page says:\n{text_of(driver)}") from None
 
 
 def click(driver, label):
