@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -67,8 +68,8 @@ def _add_buttons(gui: viser.GuiApi, session: Session, do: Do, choice: FewTasks) 
 def _add_angle(gui: viser.GuiApi, session: Session, do: Do, choice: Direction) -> Show:
     """Add one slider, in degrees."""
     slider = _add_slider(gui, "Direction (degrees)", choice.low, choice.high, 1.0)
-    _on_drag(slider, do, lambda: session.set_task(choice.task(slider.value)))
-    return lambda task: _move(slider, choice.degrees(task))
+    drags = _Drags([slider], do, lambda values: session.set_task(choice.task(*values)))
+    return lambda task: drags.show([choice.degrees(task)])
 
 
 def _add_sliders(gui: viser.GuiApi, session: Session, do: Do, choice: Entries) -> Show:
@@ -78,17 +79,51 @@ def _add_sliders(gui: viser.GuiApi, session: Session, do: Do, choice: Entries) -
         step = _step(high - low)
         sliders.append(_add_slider(gui, label, _rounded(low, step), _rounded(high, step), step))
 
-    def apply() -> None:
-        session.set_task(np.clip([slider.value for slider in sliders], choice.low, choice.high))
+    drags = _Drags(sliders, do, lambda values: session.set_task(np.clip(values, choice.low, choice.high)))
+    return lambda task: drags.show(task.tolist())
 
-    for slider in sliders:
-        _on_drag(slider, do, apply)
 
-    def show(task: Task) -> None:
-        for slider, value in zip(sliders, task, strict=True):
-            _move(slider, float(value))
+class _Drags:
+    """Tells what sliders are dragged to, and moves them to a task that was set elsewhere.
 
-    return show
+    While a drag is still to be obeyed, the sliders stay where the visitor has them.
+
+    Args:
+        sliders: of which every one tells the values of all.
+        do: takes what is to be done between two steps.
+        obey: is given the values.
+    """
+
+    def __init__(
+        self, sliders: Sequence[viser.GuiSliderHandle[float]], do: Do, obey: Callable[[list[float]], None]
+    ) -> None:
+        self._sliders, self._do, self._obey = sliders, do, obey
+        self._n_open, self._lock = 0, threading.Lock()  # viser calls from other threads
+        for slider in sliders:
+            slider.on_update(lambda event: self._ask() if event.client is not None else None)
+
+    def _ask(self) -> None:
+        values = [slider.value for slider in self._sliders]
+
+        def obey() -> None:
+            try:
+                self._obey(values)
+            finally:
+                self._count(-1)
+
+        self._count(1)
+        self._do(obey)
+
+    def _count(self, change: int) -> None:
+        with self._lock:
+            self._n_open += change
+
+    def show(self, values: Sequence[float]) -> None:
+        """Move the sliders to these values, as near as they can, unless a drag is still to be obeyed."""
+        for slider, value in zip(self._sliders, values, strict=True):
+            fitting = min(max(_rounded(value, slider.step), slider.min), slider.max)
+            if slider.value != fitting and not self._n_open:
+                slider.value = fitting  # type: ignore[misc]  # mypy misses viser's setter
 
 
 def _add_slider(gui: viser.GuiApi, label: str, low: float, high: float, step: float) -> viser.GuiSliderHandle[float]:
@@ -99,18 +134,6 @@ def _add_slider(gui: viser.GuiApi, label: str, low: float, high: float, step: fl
 def _on_click(button: viser.GuiButtonHandle, do: Do, then: Callable[[], None]) -> None:
     """Have something done between two steps when somebody clicks a button."""
     button.on_click(lambda event: do(then))
-
-
-def _on_drag(slider: viser.GuiSliderHandle[float], do: Do, then: Callable[[], None]) -> None:
-    """Have something done between two steps when somebody moves a slider, and not when ``_move`` does."""
-    slider.on_update(lambda event: do(then) if event.client is not None else None)
-
-
-def _move(slider: viser.GuiSliderHandle[float], value: float) -> None:
-    """Move a slider, unless it is there already."""
-    fitting = min(max(_rounded(value, slider.step), slider.min), slider.max)
-    if slider.value != fitting:
-        slider.value = fitting  # type: ignore[misc]  # mypy misses viser's setter
 
 
 def _step(width: float) -> float:

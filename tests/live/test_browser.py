@@ -14,7 +14,7 @@ from sb3_bruno.live.agents import find_agents, open_agent
 from sb3_bruno.live.page import Page
 from support.browser import browser, click, text_of, wait_for
 
-TRAINED = [  # in six seconds, so that the read-out follows a switch
+TRAINED = [  # in ten seconds, so that the read-out follows a switch
     "policy_kwargs:dict(net_arch=[32])",
     "encoder_kwargs:dict(net_arch=(32,), n_weights=8, modelled='rewards')",
     "replay_buffer_kwargs:dict(n_sequences=8, sequence_length=16)",
@@ -60,7 +60,7 @@ def logs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("live")
     (folder / "hot_envs.py").write_text(OWN)
     sys.path.insert(0, str(folder))
-    train(folder / "logs", "bruno_sac", "PointDir-v0", 700, TRAINED)
+    train(folder / "logs", "bruno_sac", "PointDir-v0", 1_000, TRAINED)
     train(folder / "logs", "recurrent_sac", "CheetahVel-v0", 8, TINY)
     train(folder / "logs", "recurrent_sac", "Own-v0", 8, TINY, "--gym-packages", "hot_envs")
     yield folder / "logs"
@@ -118,19 +118,14 @@ def test_a_click_changes_the_task_and_the_read_out_follows(driver, logs):
     with visited(driver, logs, "bruno_sac  PointDir-v0") as visit:
         assert visit.page.url.startswith("http://127.0.0.1:")
         assert driver.find_elements(By.CSS_SELECTOR, "canvas")
-        for name, other in (("left", "right"), ("right", "left")):
+        for name, other in (("left", "right"), ("right", "left"), ("left", "right")):
+            n_before = len(visit.moments)
             visit.click(name)
-            visit.wait(f"Hidden task: {name}")
-            visit.wait(
-                rf"{name} (1.00|0\.[5-9]\d) ◂ true\n{other} 0|{other} 0\.[0-4]\d\n{name} (1.00|0\.[5-9]\d) ◂ true"
-            )
-            since = next(i for i, moment in enumerate(visit.moments) if moment.task_name == name)
-            chances = [moment.estimate.probabilities[0] for moment in visit.moments[since : since + 20]]
-            place = visit.moments[since].estimate.labels.tasks.index(name)
-            assert max(chance[place] for chance in chances) > 0.5
-            visit.moments.clear()
-            visit.wait(r"step 5,")  # before the other way round
-        driver.save_screenshot("/tmp/point.png")
+            likely, unlikely = rf"{name} (1\.00|0\.[5-9]\d) ◂ true", rf"{other} 0\.[0-4]\d"
+            visit.wait(rf"{likely}\n{unlikely}|{unlikely}\n{likely}")
+            moments = [moment for moment in visit.moments[n_before:] if moment.task_name == name]
+            place = moments[0].estimate.labels.tasks.index(name)
+            assert max(moment.estimate.probabilities[0, place] for moment in moments[:20]) > 0.5
 
 
 @pytest.mark.slow
@@ -147,7 +142,7 @@ def test_a_visitor_pauses_the_agent_slows_it_down_and_begins_anew(driver, logs):
         visit.wait(r"step [1-9]")
         assert visit.moments[n_steps].step == 1
         for box in driver.find_elements(By.CSS_SELECTOR, "input[type=checkbox]"):
-            box.click()
+            driver.execute_script("arguments[0].click()", box)
         wait_for(driver, lambda: not visit.page.session.deterministic)
         wait_for(driver, lambda: visit.page.session.forget_threshold is None)
         put(driver, "Speed", 0.5)
@@ -170,8 +165,6 @@ def test_a_robot_moves_in_3d_and_its_task_by_a_slider(driver, logs):
         visit.wait(r"Hidden task: 2\.5 m/s")
         visit.wait(r"velocity .* true 2\.5|true 2\.5")
         assert visit.page.session.env.unwrapped.velocity == 2.5
-        visit.wait(r"step 2\d\d")  # its episodes were 200 steps in training
-        assert visit.page.session.n_episodes == 1
         driver.save_screenshot("/tmp/vel.png")
 
 
