@@ -16,11 +16,8 @@ class MetaAntEnv(ExactState, AntEnv):
 
     Args:
         include_cfrc_ext_in_observation: show the contact forces too.
-        **kwargs: further keyword arguments of Gymnasium's AntEnv. Unless ``camera_id`` or ``camera_name`` says
-            otherwise, the camera follows the ant, which would walk out of the picture.
+        **kwargs: further keyword arguments of Gymnasium's AntEnv.
     """
 
     def __init__(self, *, include_cfrc_ext_in_observation: bool = False, **kwargs: Any) -> None:
-        if "camera_id" not in kwargs:
-            kwargs.setdefault("camera_name", "track")
         super().__init__(include_cfrc_ext_in_observation=include_cfrc_ext_in_observation, **kwargs)

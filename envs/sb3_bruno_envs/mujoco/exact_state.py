@@ -1,4 +1,7 @@
-"""Pickles Gymnasium's MuJoCo environments exactly, changed bodies included; knows no reward and no task."""
+"""Pickles Gymnasium's MuJoCo environments exactly, changed bodies included, and draws them wherever they run.
+
+Knows no reward and no task.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ import numpy as np
 from gymnasium.envs.mujoco import MujocoEnv
 from numpy.typing import NDArray
 
+from sb3_bruno_envs.mujoco.endless_floor import endless_floor
 from sb3_bruno_envs.mujoco.physics import derive_constants
 
 Numbers: TypeAlias = dict[str, NDArray[Any]]  # of a MuJoCo struct, by the name of their field
@@ -33,14 +37,20 @@ class ExactState(MujocoEnv):
     the model that changed since it was built. Do not keep views of ``model`` or ``data`` in attributes: a copy's views
     would not follow its own simulation.
 
+    Images have a floor without an end, and the camera called "track" follows the robot, which would run out of the
+    picture. All of Gymnasium's robots have one.
+
     Args:
-        **kwargs: keyword arguments of Gymnasium's class. A copy builds model and renderer from them.
+        **kwargs: keyword arguments of Gymnasium's class, ``camera_id`` or ``camera_name`` for another camera among
+            them. A copy builds model and renderer from them.
     """
 
     original_model: mujoco.MjModel
     """The model as it was built. Compute changed numbers from its numbers, so that changes never add up."""
 
     def __init__(self, **kwargs: Any) -> None:
+        if "camera_id" not in kwargs:
+            kwargs.setdefault("camera_name", "track")
         self._constructor_kwargs = kwargs
         super().__init__(**kwargs)
 
@@ -64,6 +74,11 @@ class ExactState(MujocoEnv):
             frame.offheight = max(frame.offheight, self.height)
         self.original_model = copy.copy(model)
         return model, data
+
+    def render(self) -> Any:
+        """Render as Gymnasium does, on a floor that has no end."""
+        with endless_floor(self.model, self.data):
+            return super().render()  # type: ignore[no-untyped-call]  # untyped in Gymnasium
 
     def refresh_constants(self) -> None:
         """Compute what follows from changed numbers of the model; the state of the episode stays.

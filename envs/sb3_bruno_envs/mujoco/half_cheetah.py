@@ -25,15 +25,12 @@ class MetaHalfCheetahEnv(ExactState, HalfCheetahEnv):
 
     Args:
         ctrl_cost_weight: weight of the squared torques.
-        **kwargs: further keyword arguments of Gymnasium's HalfCheetahEnv. Unless ``camera_id`` or ``camera_name``
-            says otherwise, the camera follows the cheetah, which would run out of the picture.
+        **kwargs: further keyword arguments of Gymnasium's HalfCheetahEnv.
     """
 
     metadata = {"render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"]}  # noqa: RUF012  # as Gymnasium has it
 
     def __init__(self, *, ctrl_cost_weight: float = 0.05, **kwargs: Any) -> None:
-        if "camera_id" not in kwargs:
-            kwargs.setdefault("camera_name", "track")
         super().__init__(ctrl_cost_weight=ctrl_cost_weight, **kwargs)
 
     def progress(self, x_velocity: float) -> float:

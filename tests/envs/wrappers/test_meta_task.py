@@ -201,3 +201,17 @@ def test_a_wrong_task_in_the_options_is_refused_and_changes_nothing(task):
     with pytest.raises(ValueError, match=r"options\['task'\]"):
         env.reset(seed=1, options={"task": task})
     assert env.task.tolist() == before
+
+
+def test_a_task_can_switch_in_mid_episode():
+    env = point(draw="fixed")
+    with pytest.raises(ResetNeeded, match="call reset"):
+        env.switch_task([0.0, 1.0])
+    env.reset(seed=0, options={"task": [1.0, 0.0]})
+    env.switch_task([0.0, 1.0])
+    info = env.step(np.zeros(2, np.float32))[4]
+    assert info["task"].tolist() == env.unwrapped.direction.tolist() == [0.0, 1.0]
+    with pytest.raises(ValueError, match="task has shape"):
+        env.switch_task([1.0])
+    assert env.task.tolist() == [0.0, 1.0]
+    assert env.reset()[1]["task"].tolist() == [0.0, 1.0]  # draw="fixed" keeps it
