@@ -15,5 +15,16 @@ def console() -> None:
         sys.exit(f"sb3-bruno: {error.name} is not installed: pip install 'sb3_bruno[zoo]'")
 
 
-OF_THE_EXTRA = {"huggingface_sb3", "matplotlib", "moviepy", "optuna", "pandas", "psutil", "rl_zoo3", "scipy", "yaml"}
+OF_THE_EXTRA = {
+    "huggingface_sb3",
+    "imageio_ffmpeg",
+    "matplotlib",
+    "moviepy",
+    "optuna",
+    "pandas",
+    "psutil",
+    "rl_zoo3",
+    "scipy",
+    "yaml",
+}
 """Libraries that only the command line needs."""

@@ -27,24 +27,26 @@ def evaluate(arguments: list[str]) -> None:
     parser = command_parser("evaluate", evaluate)
     add_arguments(parser)
     parser.add_argument("--stochastic", action="store_true", help="draw actions, for an agent that has to search")
-    parser.add_argument("--video", action="store_true", help="also record up to four tasks, with the belief below")
+    parser.add_argument("--video", action="store_true", help="also film an episode in which the task switches once")
     parser.add_argument(
         "--out", type=writable_folder, help="where adaptation.json and .png go (default: the run's folder)"
     )
     options = parser.parse_args(arguments)
-    check_installed("matplotlib", *(["moviepy"] if options.video else []))
+    check_installed("matplotlib", *(["imageio_ffmpeg"] if options.video else []))
 
     from stable_baselines3.common.utils import set_random_seed
 
     from sb3_bruno.algorithms.task_inference import TaskInference
     from sb3_bruno.evaluation.adaptation import evaluate_adaptation
-    from sb3_bruno.evaluation.task_names import FEW_TASKS
     from sb3_bruno.plotting.curves import plot_adaptation
-    from sb3_bruno.plotting.video import film_tasks
+    from sb3_bruno.plotting.reading import check_readable
 
     agent = load_agent(options)
-    if options.video and not isinstance(agent.model, TaskInference):
-        raise Mistake(f"--video draws the belief, and {options.algo} has none: use record-video")
+    if options.video:
+        if not isinstance(agent.model, TaskInference):
+            raise Mistake(f"--video draws the belief, and {options.algo} has none: use record-video")
+        with told_as_mistake():
+            check_readable(agent.model)
     set_random_seed(options.seed)  # for actions that are drawn
     with told_as_mistake():
         result = evaluate_adaptation(
@@ -67,20 +69,20 @@ def evaluate(arguments: list[str]) -> None:
         print(f"mean return of each episode of a trial: {', '.join(f'{mean:.2f}' for mean in means)}")
     print(f"Saved {kept.with_suffix('.json')} and {kept.with_suffix('.png')}")
     if options.video:
-        assert isinstance(agent.model, TaskInference)  # checked before the test
-        chosen = agent.test.tasks[
-            np.linspace(0, len(agent.test.tasks) - 1, min(len(agent.test.tasks), FEW_TASKS)).astype(int)
-        ]
-        film_tasks(
-            agent.model,
-            partial(agent.make_env, render_mode="rgb_array"),
-            chosen,
-            kept.with_suffix(".mp4"),
-            seed=options.seed,
-            vec_normalize=agent.vec_normalize,
-            progress_bar=True,
-        )
-        print(f"Saved {kept.with_suffix('.mp4')}")
+        _film(agent, kept, options.seed)
+
+
+def _film(agent: TrainedAgent, kept: Path, seed: int) -> None:
+    """Film the agent on the two test tasks that differ most, one after the other."""
+    from sb3_bruno.algorithms.task_inference import TaskInference
+    from sb3_bruno.plotting.video import farthest_pair, film_adaptation
+
+    assert isinstance(agent.model, TaskInference)  # checked before the test
+    make_env, tasks = partial(agent.make_env, render_mode="rgb_array"), farthest_pair(agent.test.tasks)
+    files, statistics = [kept.with_suffix(".mp4"), kept.with_suffix(".gif")], agent.vec_normalize
+    with told_as_mistake():
+        film_adaptation(agent.model, make_env, tasks, *files, seed=seed, vec_normalize=statistics, progress_bar=True)
+    print(f"Saved {files[0]} and {files[1]}")
 
 
 def diagnose(arguments: list[str]) -> None:

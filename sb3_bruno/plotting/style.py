@@ -11,7 +11,10 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sb3_bruno.evaluation.band import Band
+from sb3_bruno.evaluation.floats import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -87,6 +90,20 @@ def style_panel(panel: Axes, title: str) -> None:
     panel.tick_params(labelsize=11, colors=INK)
     panel.grid(color="#E6E6E6", linewidth=0.8)
     panel.set_axisbelow(True)
+
+
+def apart(places: Floats, gap: float) -> Floats:
+    """Move places as little as it takes to have them ``gap`` apart, in their order, ``(n,)``.
+
+    Example: 1, 1 and 5 with a gap of 2 become 0, 2 and 5.
+    """
+    from scipy.optimize import isotonic_regression
+
+    order = np.argsort(places, kind="stable")
+    steps = gap * np.arange(len(places))
+    moved = np.empty(len(places))
+    moved[order] = isotonic_regression(np.asarray(places, dtype=float)[order] - steps).x + steps
+    return moved
 
 
 def draw_band(

@@ -1,131 +1,176 @@
-"""Makes a video of an agent on several tasks side by side, with its belief drawn under each."""
+"""Films an agent that finds out its hidden task, and finds it out again after the task has switched."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from textwrap import fill
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.vec_env import VecNormalize
 
-from sb3_bruno.algorithms.beliefs import TaskBelief
 from sb3_bruno.algorithms.task_inference import TaskInference
-from sb3_bruno.encoders import HasPosterior
-from sb3_bruno.encoders.abilities import check_ability
+from sb3_bruno.encoders import Predicts
 from sb3_bruno.evaluation.progress import progress
-from sb3_bruno.evaluation.task_names import FEW_TASKS, task_labels, task_title
+from sb3_bruno.evaluation.task_names import task_title
 from sb3_bruno.evaluation.told import task_name
-from sb3_bruno.plotting.style import as_text
+from sb3_bruno.plotting.encode import Frame, check_formats, video_files
+from sb3_bruno.plotting.film import SIZE, FilmFigure, Moment
+from sb3_bruno.plotting.reading import check_readable, read_task
 
-Frames = list[NDArray[np.uint8]]
+SLOW_STEPS = 20
+"""So many steps of each task are in slow motion, in which the agent finds it out."""
 
-_WIDEST_TITLE = 40  # characters above an image; more take a second line
+SLOW = 4
+"""How many times slower that is."""
 
-
-class Filmed(NamedTuple):
-    """One episode: what the environment calls its task, and the image and the belief at each step."""
-
-    name: str
-    frames: Frames
-    beliefs: list[TaskBelief]
+_MOST_FPS = 25  # an env with more steps per second is not shown in all of them
 
 
-def film_tasks(
+def film_adaptation(
     model: TaskInference,
     make_env: Callable[[], gym.Env[Any, Any]],
     tasks: ArrayLike,
-    path: str | Path,
-    *,
+    *paths: str | Path,
+    seconds: float = 15.0,
+    forget_threshold: float = 10.0,
     seed: int = 0,
     vec_normalize: VecNormalize | None = None,
     progress_bar: bool = False,
 ) -> None:
-    """Film one episode of each task; the agent acts deterministically.
+    """Film one episode in which the hidden task goes from each of ``tasks`` to the next; the agent is deterministic.
+
+    Every task has as many steps, the first 20 of them in slow motion. Beside the image is drawn what the agent has
+    taken the task for so far: its read-out of the task, or its belief if it has none. Frames go to the files as they
+    are made.
 
     Args:
-        model: the agent.
+        model: the agent. For the film it forgets, if its encoder can notice that a task switched.
         make_env: makes an environment with ``render_mode="rgb_array"`` that takes its task at reset.
-        tasks: one to four tasks, ``(n_tasks, task_dim)``.
-        path: the video to write; its suffix chooses the format, such as .mp4.
-        seed: of the environments, the same for every task.
+        tasks: ``(n_tasks, task_dim)``. Several need an environment in a MetaTask.
+        *paths: the files to write, all of the same film, each .mp4 or .gif.
+        seconds: how long the film is, unless the episode ends before.
+        forget_threshold: nats; that of an agent that has one is kept.
+        seed: of the environment.
         vec_normalize: the VecNormalize of training. Its statistics normalise the observations and stay as they are.
         progress_bar: show one, where stderr is a terminal.
 
     Raises:
-        ValueError: if there are no tasks or more than four, the environment renders no images, or the encoder has no
-            posterior to draw.
+        ValueError: if there are no tasks, a path has another suffix, the environment renders no images or cannot switch
+            its task, or the agent has neither a read-out nor a posterior to draw.
     """
-    from moviepy import ImageSequenceClip
-
-    check_ability(model.encoder, HasPosterior, "A video of beliefs")
+    files = [Path(path) for path in paths]
+    check_formats(files)
+    check_readable(model)
     task_array = np.asarray(tasks, dtype=np.float32)
-    if not 1 <= len(task_array) <= FEW_TASKS:
-        raise ValueError(f"tasks holds {len(task_array)} tasks: give 1 to {FEW_TASKS}.")
-    envs = [make_env() for _ in task_array]
-    fps = envs[0].metadata.get("render_fps", 30)
-    episodes = [_episode(model, env, task, seed, vec_normalize) for env, task in zip(envs, task_array, strict=True)]
-    titles = list(map(task_title, task_labels(task_array, [episode.name for episode in episodes])))
-    frames = _draw(titles, episodes, progress_bar)
-    ImageSequenceClip(frames, fps=fps).write_videofile(str(path), logger=None)
+    if task_array.ndim != 2 or len(task_array) == 0:
+        raise ValueError(f"tasks have shape {task_array.shape}: give at least one, as an array (n_tasks, task_dim).")
+    env = make_env()
+    try:
+        _check_env(env, len(task_array))
+        env_fps = float(env.metadata.get("render_fps", 30))
+        n_steps = film_length(env, len(task_array), seconds * env_fps)
+        starts = [n_steps * i // len(task_array) for i in range(len(task_array))]
+        with _forgetting(model, forget_threshold):
+            moments = _moments(model, env, dict(zip(starts, task_array, strict=True)), n_steps, seed, vec_normalize)
+            shown = progress(moments, shown=progress_bar, total=n_steps, about="film")
+            _write(shown, files, env_fps, n_steps, starts[1:])
+    finally:
+        env.close()
 
 
-def _episode(
-    model: TaskInference, env: gym.Env[Any, Any], task: NDArray[np.float32], seed: int, normalize: VecNormalize | None
-) -> Filmed:
-    """Play one episode."""
+def farthest_pair(tasks: ArrayLike) -> NDArray[np.float32]:
+    """Choose the two tasks that differ most, ``(2, task_dim)``, in the order of the list; the one if there is one."""
+    array = np.asarray(tasks, dtype=np.float32)
+    distances = np.linalg.norm(array[:, None] - array[None], axis=-1)
+    pair = np.unravel_index(distances.argmax(), distances.shape)
+    chosen: NDArray[np.float32] = array[np.unique(pair)]
+    return chosen
+
+
+def _check_env(env: gym.Env[Any, Any], n_tasks: int) -> None:
+    """Refuse an environment that cannot be filmed."""
     if env.render_mode != "rgb_array":
         raise ValueError(f"make_env made an env with render_mode={env.render_mode!r}: use 'rgb_array'.")
-    frames, beliefs = [], []
-    observation, info = env.reset(seed=seed, options={"task": task})
-    state, over = None, False
-    while not over:
-        frames.append(np.asarray(env.render(), dtype=np.uint8))
+    if n_tasks > 1 and not env.has_wrapper_attr("switch_task"):
+        raise ValueError(f"tasks holds {n_tasks} tasks, and make_env's cannot switch: wrap it in MetaTask, or give 1.")
+
+
+def film_length(env: gym.Env[Any, Any], n_tasks: int, n_at_full_speed: float) -> int:
+    """Count the steps that a film shows: a step in slow motion takes the time of several.
+
+    Raises:
+        ValueError: if an episode has fewer steps than there are tasks.
+    """
+    n_steps = max(int(n_at_full_speed) - n_tasks * SLOW_STEPS * (SLOW - 1), n_tasks * SLOW_STEPS)
+    if env.has_wrapper_attr("_max_episode_steps"):  # Gymnasium's TimeLimit
+        n_steps = min(n_steps, int(env.get_wrapper_attr("_max_episode_steps")))
+    if n_tasks > n_steps:
+        raise ValueError(f"tasks holds {n_tasks} tasks for an episode of {n_steps} steps: give fewer.")
+    return n_steps
+
+
+@contextmanager
+def _forgetting(model: TaskInference, threshold: float) -> Iterator[None]:
+    """Let an agent forget that can and does not, for the length of the block."""
+    before = model.policy.forget_threshold
+    if before is None and isinstance(model.encoder, Predicts):
+        model.policy.forget_threshold = threshold
+    try:
+        yield
+    finally:
+        model.policy.forget_threshold = before
+
+
+def _moments(
+    model: TaskInference,
+    env: gym.Env[Any, Any],
+    tasks: dict[int, NDArray[np.float32]],
+    n_steps: int,
+    seed: int,
+    normalize: VecNormalize | None,
+) -> Iterator[Moment]:
+    """Play the episode; ``tasks`` holds each task by the step that it begins with."""
+    observation, info = env.reset(seed=seed, options={"task": tasks[0]})
+    state, reward, over, began = None, float("nan"), False, 0
+    for step in range(n_steps):
+        if over:
+            return
+        if step > 0 and step in tasks:
+            env.get_wrapper_attr("switch_task")(tasks[step])
+        began = step if step in tasks else began
+        image = np.asarray(env.render(), dtype=np.uint8)
         seen = observation if normalize is None else normalize.normalize_obs(observation)
         action, state = model.predict(seen, state, deterministic=True)
         assert state is not None  # for mypy: a Dict was given
-        beliefs.append(model.belief(state))
-        observation, _, terminated, truncated, _ = env.step(action)
-        over = terminated or truncated
-    env.close()
-    return Filmed(task_name(info), frames, beliefs)
+        velocity = _velocity(info, at_rest=step == 0)
+        observation, paid, terminated, truncated, info = env.step(action)
+        title = task_name(info) or task_title(tasks[began])
+        is_slow = step - began < SLOW_STEPS
+        task = tasks[began].astype(float)
+        yield Moment(image, read_task(model, state), title, task, velocity, reward, is_slow)
+        reward, over = float(paid), terminated or truncated
 
 
-def _draw(titles: list[str], episodes: list[Filmed], progress_bar: bool) -> Frames:
-    """Draw the episodes side by side, one image per step; an episode that ended early keeps its last image."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+def _velocity(info: dict[str, Any], *, at_rest: bool) -> float | None:
+    """Read the velocity along the only way there is, m/s; None where the env tells none, or one of a plane."""
+    if "y_velocity" in info or ("x_velocity" not in info and not at_rest):
+        return None
+    return float(info.get("x_velocity", 0.0))
 
-    length = max(len(episode.frames) for episode in episodes)
-    figure = Figure(figsize=(3.2 * len(episodes), 4.0), dpi=100, layout="tight")
-    canvas = FigureCanvasAgg(figure)
-    panels = figure.subplots(2, len(episodes), squeeze=False, height_ratios=(3, 2), sharey="row")
-    images, cursors = [], []
-    for column, (title, (_, frames, beliefs)) in enumerate(zip(titles, episodes, strict=True)):
-        picture, chart = panels[0, column], panels[1, column]
-        picture.set_axis_off()
-        picture.set_title(fill(as_text(title), _WIDEST_TITLE), fontsize=9)
-        images.append(picture.imshow(frames[0]))
-        mean = np.concatenate([belief.mean for belief in beliefs])  # (steps, latent_dim)
-        spread = np.sqrt(np.concatenate([belief.var for belief in beliefs]))
-        for line, width in zip(mean.T, spread.T, strict=True):
-            (drawn,) = chart.plot(line, linewidth=1)
-            chart.fill_between(np.arange(len(line)), line - width, line + width, color=drawn.get_color(), alpha=0.2)
-        cursors.append(chart.axvline(0, color="#404040", linewidth=1))
-        chart.set_xlim(0, max(length - 1, 1))
-        chart.set_xlabel("env step", fontsize=8)
-        chart.tick_params(labelsize=7)
-        if column == 0:
-            chart.set_ylabel("belief, mean and std", fontsize=8)
-    drawn_frames: Frames = []
-    for step in progress(range(length), shown=progress_bar, about="frames"):
-        for image, cursor, (_, frames, _) in zip(images, cursors, episodes, strict=True):
-            at = min(step, len(frames) - 1)
-            image.set_data(frames[at])
-            cursor.set_xdata([at, at])
-        canvas.draw()
-        drawn_frames.append(np.asarray(canvas.buffer_rgba())[..., :3].copy())
-    return drawn_frames
+
+def _write(moments: Iterator[Moment], files: list[Path], env_fps: float, n_steps: int, switches: list[int]) -> None:
+    """Draw the moments and write them at the env's own pace, or slower where they are in slow motion."""
+    fps = min(env_fps, _MOST_FPS)
+    figure, due, n_written = None, 0.0, 0  # due: seconds of the film
+    with video_files(files, fps, SIZE) as write:
+        for moment in moments:
+            figure = figure or FilmFigure(moment, n_steps, switches, SLOW)
+            frame: Frame = figure.draw(moment)
+            due += (SLOW if moment.is_slow else 1) / env_fps
+            while n_written < round(due * fps):
+                write(frame)
+                n_written += 1

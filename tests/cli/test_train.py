@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import torch as th
 import yaml
-from moviepy import VideoFileClip
 from stable_baselines3.common.monitor import load_results
 
 from sb3_bruno import BrunoSAC, RecurrentEncoder
@@ -89,7 +88,7 @@ def test_train_evaluate_enjoy_record_and_plot(run, tmp_path):
     printed, _ = run("evaluate", "--env", "PointDir-v0", "--episodes", 2, "--video")
     assert "steps to 90 %" in printed
     assert AdaptationResult.load(folder / "adaptation.json").rewards.shape == (2, 2, 30)
-    assert VideoFileClip(folder / "adaptation.mp4").n_frames == 30
+    assert all((folder / f"adaptation.{suffix}").stat().st_size > 1_000 for suffix in ("mp4", "gif"))
     assert "reward" in run("diagnose", "--env", "PointDir-v0", "--episodes", 2)[0]
     assert Diagnostics.load(folder / "diagnostics.npz").log_scores.shape == (2, 2, 30)
     assert "none/bruno_sac folder was not found" in run("enjoy", "-f", "none")[1]  # also after a training
