@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.algorithms.beliefs import AgentView, TaskBelief
+from sb3_bruno.algorithms.task_estimate import TaskEstimate, TaskLabels
 from sb3_bruno.algorithms.task_inference import TaskInference
+from sb3_bruno.diagnostics.readout import compare_readout
 from sb3_bruno.diagnostics.result import Diagnostics
 from sb3_bruno.encoders import HasPosterior, MeasuresDistance, Predicts, TaskEncoder, Transitions
 from sb3_bruno.encoders.abilities import check_ability
@@ -50,6 +52,7 @@ def diagnose(
       an agent's stream are not. So the whole episode would show the correlation and not the model; these few show less
       of it, not none.
     - Log scores: of every transition given those before it. Like the distances, with noise drawn.
+    - Read-out, where the agent has one: how far it is off the task after each step, and whether its intervals hold it.
     - Alarm: minus the mean log score of an episode. On trained agents the tail of beta_n told less: it asks only
       whether the latents fit together. An episode more regular than expected scores low and raises no alarm.
 
@@ -92,7 +95,7 @@ def diagnose(
         th.manual_seed(seed)
         sequences = _pad(inside)
         compared = progress(sequences, shown=progress_bar, about="tasks")
-        findings = [_compare(view, of_task, rng) for of_task in compared]
+        findings = [_compare(view, of_task, rng, model.task_labels) for of_task in compared]
         beliefs, explained = _principal_axes(np.stack([found.means for found in findings]))
         levels = None
         if isinstance(encoder, MeasuresDistance):
@@ -110,6 +113,7 @@ def diagnose(
             outside_tasks=None if outside is None else np.asarray(outside_tasks, dtype=np.float64),
             outside_log_scores=None if outside is None else _log_scores(view, _pad(outside)),
             names=np.array([of_task[0].task_name for of_task in inside]),
+            **_of_readout(np.asarray(tasks, dtype=np.float64), findings),
         )
 
 
@@ -132,6 +136,7 @@ class _Comparison(NamedTuple):
         means: posterior means, (n_episodes, horizon + 1, latent_dim).
         real: the first quantity in the first episode, (horizon,).
         predicted: its predictive mean and the ends of the interval, (3, horizon).
+        estimate: what the read-out took the task for, batch shape (n_episodes, horizon + 1); None without one.
     """
 
     quantities: list[str]
@@ -139,6 +144,7 @@ class _Comparison(NamedTuple):
     means: Floats
     real: Floats
     predicted: Floats
+    estimate: TaskEstimate | None
 
 
 class _Sequences(NamedTuple):
@@ -168,7 +174,17 @@ def _transitions(episode: Episode) -> Transitions:
     return Transitions(*(column.reshape(len(column), -1) for column in columns))
 
 
-def _compare(view: AgentView, sequences: _Sequences, rng: np.random.Generator) -> _Comparison:
+def _of_readout(tasks: Floats, findings: Sequence[_Comparison]) -> dict[str, Any]:
+    """Compare the read-out with the tasks, as arguments of Diagnostics; there are none without a read-out."""
+    estimates = [found.estimate for found in findings if found.estimate is not None]
+    if not estimates:
+        return {}
+    is_known = np.asarray(np.isfinite(np.stack([found.means for found in findings])).all(axis=-1))
+    entries, misses, holds = compare_readout(tasks, estimates, is_known)
+    return {"readout_entries": np.array(entries), "readout_misses": misses, "readout_holds": holds}
+
+
+def _compare(view: AgentView, sequences: _Sequences, rng: np.random.Generator, labels: TaskLabels) -> _Comparison:
     """Compare beliefs and predictions, given the transitions before, with what came."""
     observed = view.observe(*sequences.transitions)
     encoder: Any = view.encoder  # which has the abilities
@@ -199,7 +215,8 @@ def _compare(view: AgentView, sequences: _Sequences, rng: np.random.Generator) -
     means = encoder.posterior(prefixes).mean.cpu().double().numpy()
     is_over = np.isnan(np.asarray(sequences.transitions.rewards)[..., 0])
     means[np.pad(is_over, ((0, 0), (1, 0)))] = np.nan
-    return _Comparison(names, pit, means, real[0, :, 0], predicted)
+    estimate = None if view.policy.readout is None else view.read_task(prefixes, labels)
+    return _Comparison(names, pit, means, real[0, :, 0], predicted, estimate)
 
 
 def _spread(length: int, at_most: int) -> list[int]:

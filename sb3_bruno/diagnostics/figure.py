@@ -1,14 +1,17 @@
-"""Draws a belief's diagnostics in one figure: calibration, distances, alarm, log scores, trajectories, predictions."""
+"""Draws a belief's diagnostics in one figure, whose head is the verdict."""
 
 from __future__ import annotations
 
+import math
 from itertools import cycle
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sb3_bruno.diagnostics.result import Diagnostics
+from sb3_bruno.diagnostics.verdict import TRUE_TASK, verdict
 from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.task_names import task_labels, task_title
 from sb3_bruno.plotting.style import COLORS, INK, as_text, draw_band, style_panel
@@ -20,6 +23,8 @@ if TYPE_CHECKING:
 _MAX_NAMED = 4  # up to so many lines of a panel have a name and a colour each; more share one colour
 _MAX_TRACES = 2  # tasks whose prediction is drawn
 _ALARM_REACH = 4  # scores are drawn up to so many times the range of the inside scores away from them
+_FIRST = 60  # steps of what happens while the agent finds the task out
+_LEAST_EXPLAINED = 0.02  # a principal axis that holds less of the variance is not drawn
 _GREY = "#9A9A9A"  # lines that show the ideal
 
 
@@ -29,22 +34,37 @@ def plot_diagnostics(diagnostics: Diagnostics, path: str | Path) -> None:
 
 
 def draw_diagnostics(diagnostics: Diagnostics) -> Figure:
-    """Draw all diagnostics, on a figure made without pyplot: six panels, five for an encoder that measures no distance.
+    """Draw all diagnostics, on a figure made without pyplot: a panel for each that was measured.
 
     Needs the ``plots`` extra.
     """
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure = Figure(figsize=(15.5, 8.6), layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12))
-    panels: list[Axes] = list(figure.subplots(2, 3).flat)
-    drawings = [_draw_pit, _draw_distances, _draw_alarm, _draw_log_scores, _draw_beliefs, _draw_prediction]
-    if diagnostics.distance_levels is None:
-        drawings.remove(_draw_distances)
-        panels.pop().remove()
-    for panel, draw in zip(panels, drawings, strict=True):
+    drawings = {
+        _draw_pit: True,
+        _draw_distances: diagnostics.distance_levels is not None,
+        _draw_alarm: diagnostics.outside_tasks is not None,
+        _draw_readout: diagnostics.readout_misses is not None,
+        _draw_log_scores: True,
+        _draw_beliefs: True,
+        _draw_prediction: True,
+    }
+    shown = [draw for draw, is_measured in drawings.items() if is_measured]
+    figure = Figure(figsize=(2.0 + 4.5 * math.ceil(len(shown) / 2), 8.8))
+    figure.set_layout_engine(ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12))
+    head = fill(f"Verdict: {verdict(diagnostics)}", int(8.5 * figure.get_figwidth()))
+    figure.suptitle(head, x=0.01, ha="left", fontsize=13, fontweight="bold", color=INK)
+    for panel, draw in zip(_two_rows(figure, len(shown)), shown, strict=True):
         draw(panel, diagnostics)
     return figure
+
+
+def _two_rows(figure: Figure, n_panels: int) -> list[Axes]:
+    """Make panels in two rows without a gap; of five, the lower two are wider."""
+    rows: Any = figure.subfigures(2, 1)
+    upper, lower = rows
+    return [*upper.subplots(1, math.ceil(n_panels / 2), squeeze=False).flat, *lower.subplots(1, n_panels // 2).flat]
 
 
 def _draw_pit(panel: Axes, found: Diagnostics) -> None:
@@ -56,7 +76,8 @@ def _draw_pit(panel: Axes, found: Diagnostics) -> None:
     for i, (name, ks, color) in enumerate(zip(found.quantities, found.pit_ks(), cycle(COLORS), strict=False)):
         values = found.pit[..., i]
         density, _ = np.histogram(values[~np.isnan(values)], bins=edges, density=True)
-        style: dict[str, Any] = {"color": color, "label": f"{name}, KS {ks:.2f}"} if few else {"color": COLORS[0]}
+        unnamed = {"color": COLORS[0], "label": f"each of {len(found.quantities)} quantities" if i == 0 else None}
+        style: dict[str, Any] = {"color": color, "label": f"{name}, KS {ks:.2f}"} if few else unnamed
         highest = max(highest, density.max())
         panel.stairs(density, edges, linewidth=1.8, alpha=1.0 if few else 0.3, **style)
     panel.axhline(1.0, color=_GREY, linestyle=(0, (5, 3)), label="calibrated")
@@ -73,7 +94,8 @@ def _draw_distances(panel: Axes, found: Diagnostics) -> None:
     few = levels.shape[1] <= _MAX_NAMED
     for i, (ks, color) in enumerate(zip(found.distance_ks(), cycle(COLORS), strict=False)):
         name = f"latent {i}" if levels.shape[1] > 1 else "all latents"
-        style: dict[str, Any] = {"color": color, "label": f"{name}, KS {ks:.2f}"} if few else {"color": COLORS[0]}
+        unnamed = {"color": COLORS[0], "label": f"each of {levels.shape[1]} latents" if i == 0 else None}
+        style: dict[str, Any] = {"color": color, "label": f"{name}, KS {ks:.2f}"} if few else unnamed
         panel.ecdf(levels[:, i], linewidth=1.8, alpha=1.0 if few else 0.3, **style)
     panel.plot([0.0, 1.0], [0.0, 1.0], color=_GREY, linestyle=(0, (5, 3)), label="calibrated")
     panel.set_xlim(-0.02, 1.02)
@@ -85,11 +107,8 @@ def _draw_alarm(panel: Axes, found: Diagnostics) -> None:
     """Draw histograms of the inside and the outside scores; the outermost bars hold all scores beyond them too."""
     from matplotlib.ticker import MaxNLocator
 
-    groups = {"these tasks": found.scores().ravel()}
-    if found.outside_tasks is not None:
-        groups["outside tasks"] = found.outside_scores().ravel()
-    auroc = f": AUROC {found.auroc():.3f}" if len(groups) > 1 else ""
-    style_panel(panel, f"Out-of-distribution alarm{auroc}")
+    groups = {"these tasks": found.scores().ravel(), "outside tasks": found.outside_scores().ravel()}
+    style_panel(panel, f"Out-of-distribution alarm: AUROC {found.auroc():.3f}")
     every, inside = np.concatenate(list(groups.values())), groups["these tasks"]
     reach = max(_ALARM_REACH * np.ptp(inside), 1e-6)
     low, high = max(every.min(), inside.min() - reach), min(every.max(), inside.max() + reach)
@@ -112,22 +131,55 @@ def _draw_log_scores(panel: Axes, found: Diagnostics) -> None:
     _label(panel, "environment step", "nats per transition")
 
 
+def _draw_readout(panel: Axes, found: Diagnostics) -> None:
+    """Draw how far the read-out is off after each step: the median episode and the middle half of the episodes."""
+    assert found.readout_misses is not None and found.readout_entries is not None and found.readout_holds is not None
+    entries, misses = found.readout_entries, found.readout_misses[:, :, : _FIRST + 1]
+    is_chance = entries[0] == TRUE_TASK
+    held = _percent(float(np.nanmean(found.readout_holds[:, :, 1:])))
+    style_panel(panel, f"Read-out: {'likeliest task right in' if is_chance else '90 % interval holds'} {held}")
+    if len(entries) > _MAX_NAMED:
+        entries, misses = np.array(["median entry"]), np.nanmedian(misses, axis=-1, keepdims=True)
+    for i, (entry, color) in enumerate(zip(entries, COLORS, strict=False)):
+        low, middle, high = np.nanquantile(misses[..., i], (0.25, 0.5, 0.75), axis=(0, 1))
+        if is_chance:
+            low, middle, high = 1.0 - high, 1.0 - middle, 1.0 - low
+        draw_band(panel, Band(np.arange(len(middle)), middle, low, high), color, str(entry))
+    panel.set_ylim(bottom=0.0)
+    panel.margins(x=0.01)
+    _label(panel, "transitions seen", "probability" if is_chance else "miss: median, middle half of episodes")
+
+
 def _draw_beliefs(panel: Axes, found: Diagnostics) -> None:
-    """Draw the posterior means of each episode, from the prior (a cross) to the end (a dot)."""
-    style_panel(panel, f"Posterior means, {_percent(found.explained.sum())} of their variance")
+    """Draw the posterior means of each episode, from the prior (a cross) to the end (a dot).
+
+    On their two principal axes; along time, where the second holds next to nothing of their variance.
+    """
+    is_line = found.explained[1] < _LEAST_EXPLAINED
+    style_panel(panel, f"Posterior means: {_percent(found.explained[: 1 if is_line else 2].sum())} of their variance")
     few = len(found.tasks) <= len(COLORS)
-    colors = list(COLORS) if few else _scale(panel, found.tasks[:, 0])
+    colors = list(COLORS) if few else _scale(panel, found.tasks[:, 0], _first_entry(found))
     for title, episodes, color in zip(_titles(found), found.beliefs, colors, strict=False):
         for i, path in enumerate(episodes):
             known = path[~np.isnan(path).any(axis=-1)]
+            if is_line:
+                known = np.column_stack([np.arange(len(known)), known[:, 0]])[: _FIRST + 1]
             panel.plot(*known.T, color=color, linewidth=0.8, alpha=0.5)
             label = as_text(title) if few and i == 0 else None
             panel.plot(*known[-1], color=color, marker="o", markersize=6, linestyle="", label=label)
-    panel.plot(*found.beliefs[0, 0, 0], color=INK, marker="x", markersize=9, linestyle="", label="prior")
-    _label(panel, *(f"principal axis {i + 1} ({_percent(share, 1)})" for i, share in enumerate(found.explained)))
+    start = (0.0, found.beliefs[0, 0, 0, 0]) if is_line else found.beliefs[0, 0, 0]
+    panel.plot(*start, color=INK, marker="x", markersize=9, linestyle="", label="prior")
+    first, second = (f"principal axis {i + 1} ({_percent(share)})" for i, share in enumerate(found.explained))
+    _label(panel, *(("transitions seen", first) if is_line else (first, second)))
 
 
-def _scale(panel: Axes, values: Any) -> list[Any]:
+def _first_entry(found: Diagnostics) -> str:
+    """Name the first entry of a task, as the env does if there is a read-out that knows."""
+    entries = found.readout_entries
+    return "task, first dimension" if entries is None or entries[0] == TRUE_TASK else str(entries[0])
+
+
+def _scale(panel: Axes, values: Any, about: str) -> list[Any]:
     """Return a colour for each value, and draw the bar that explains the colours."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
@@ -135,7 +187,7 @@ def _scale(panel: Axes, values: Any) -> list[Any]:
 
     mappable = ScalarMappable(Normalize(values.min(), values.max()), colormaps["viridis"])
     bar = panel.get_figure().colorbar(mappable, ax=panel)  # type: ignore[union-attr]  # the panel is on a figure
-    bar.set_label("task, first dimension", fontsize=12, color=INK)
+    bar.set_label(about, fontsize=12, color=INK)
     bar.outline.set_visible(False)
     bar.ax.tick_params(labelsize=11, colors=INK)
     return list(mappable.to_rgba(values))
@@ -145,14 +197,20 @@ def _draw_prediction(panel: Axes, found: Diagnostics) -> None:
     """Draw what was predicted and what came, in one episode of each of the first tasks."""
     name = str(found.quantities[0])
     style_panel(panel, f"Predicted and real {name}")
-    steps = np.arange(1, found.real.shape[1] + 1)
+    steps = np.arange(1, min(found.real.shape[1], _FIRST) + 1)
     titles = _titles(found)
     for i, color in zip(range(min(len(found.tasks), _MAX_TRACES)), COLORS, strict=False):
-        mean, low, high = found.predicted[:, i]
+        mean, low, high = found.predicted[:, i, : len(steps)]
         title = titles[i]
         draw_band(panel, Band(steps, mean, low, high), color, f"{title}: mean, 90 %", linewidth=1.2)
         panel.plot(
-            steps, found.real[i], color=color, linestyle="", marker=".", markersize=4, label=as_text(f"{title}: real")
+            steps,
+            found.real[i, : len(steps)],
+            color=color,
+            linestyle="",
+            marker=".",
+            markersize=4,
+            label=as_text(f"{title}: real"),
         )
     panel.margins(x=0.01)
     _label(panel, "environment step", name)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sb3_bruno.diagnostics.verdict import SOON, verdict
 from sb3_bruno.evaluation.floats import Floats
 from sb3_bruno.files.whole import whole_file
 
@@ -37,6 +38,13 @@ class Diagnostics:
         outside_tasks: tasks that the agent should not know, ``(n_outside, task_dim)``, or None.
         outside_log_scores: those of the outside tasks, ``(n_outside, n_episodes, outside_horizon)``, or None.
         names: what the environment calls the tasks, ``(n_tasks,)``, ``""`` for nothing; None if it has no names.
+        readout_entries: what the read-out's misses are of, with their units, ``(n_entries,)``: the entries of the task,
+            or the probability of the true task where tasks are few. None if the agent has no read-out.
+        readout_misses: how far the read-out is off after 0, 1, ... transitions,
+            ``(n_tasks, n_episodes, horizon + 1, n_entries)``: from the task in its own units, or 1 minus that
+            probability; None without a read-out.
+        readout_holds: 1 where the read-out's 90 % interval holds the entry, or where its likeliest task is the true
+            one, else 0, of the shape of ``readout_misses``; None without a read-out.
 
     Raises:
         ValueError: if only one of ``outside_tasks`` and ``outside_log_scores`` is None.
@@ -54,6 +62,9 @@ class Diagnostics:
     outside_tasks: Floats | None = None
     outside_log_scores: Floats | None = None
     names: NDArray[np.str_] | None = None
+    readout_entries: NDArray[np.str_] | None = None
+    readout_misses: Floats | None = None
+    readout_holds: Floats | None = None
 
     def __post_init__(self) -> None:
         if (self.outside_tasks is None) != (self.outside_log_scores is None):
@@ -137,10 +148,15 @@ class Diagnostics:
             numbers |= {"distance_ks": distance_ks.mean(), "distance_ks_worst": distance_ks.max()}
         if self.outside_log_scores is not None:
             numbers["auroc"] = self.auroc()
+        if self.readout_misses is not None and self.readout_holds is not None:
+            soon = min(SOON, horizon)
+            numbers["readout_miss_at_first"] = np.nanmean(self.readout_misses[:, :, 0])
+            numbers["readout_miss"] = np.nanmean(self.readout_misses[:, :, soon])
+            numbers["readout_holds"] = np.nanmean(self.readout_holds[:, :, soon:])
         return {name: float(value) for name, value in numbers.items()}
 
     def summary(self) -> str:
-        """Write the numbers in words, with the calibration of each quantity."""
+        """Write the numbers in words, with the calibration of each quantity, and a verdict at the end."""
         numbers = self.numbers()
         n_tasks, n_episodes, horizon = self.log_scores.shape
         width = max(8, *(len(name) for name in self.quantities))
@@ -159,7 +175,7 @@ class Diagnostics:
         ]
         if self.outside_tasks is not None:
             lines.append(f"outside tasks: {len(self.outside_tasks)}, told from these with AUROC {numbers['auroc']:.3f}")
-        return "\n".join(lines)
+        return "\n".join([*lines, f"Verdict: {verdict(self)}"])
 
     def save(self, path: str | Path) -> None:
         """Write all arrays as npz, exactly; ``path`` gets no suffix."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders import HasPosterior
 from sb3_bruno.encoders.abilities import check_ability
 from sb3_bruno.evaluation.floats import Floats
-from sb3_bruno.evaluation.task_names import task_labels, task_title
 
 
 class Reading(NamedTuple):
@@ -40,7 +39,7 @@ def check_readable(model: TaskInference) -> None:
     Raises:
         ValueError: if it is one.
     """
-    if _readout(model) is None:
+    if model.policy.readout is None:
         check_ability(model.encoder, HasPosterior, "A film of an agent without a read-out of the task")
 
 
@@ -50,16 +49,15 @@ def read_task(model: TaskInference, state: State) -> Reading:
     An agent with a read-out tells probabilities where tasks are few, else mean and spread of the task; any other tells
     its belief.
     """
-    if _readout(model) is None:
+    if model.policy.readout is None:
         belief = model.belief(state)
         mean, std = belief.mean[0].astype(float), np.sqrt(belief.var[0].astype(float))
         return Reading(mean, std, ("",) * len(mean), "belief: mean and std of the latents")
-    estimate: Any = model.task_estimate(state)  # type: ignore[attr-defined]
+    estimate = model.task_estimate(state)
     labels = estimate.labels
     if estimate.probabilities is not None:
         chances = estimate.probabilities[0].astype(float)
-        names = labels.tasks or tuple(map(task_title, task_labels(estimate.tasks)))
-        return Reading(chances, np.zeros(len(chances)), names, "probability of each task", bounds=(0.0, 1.0))
+        return Reading(chances, np.zeros(len(chances)), labels.tasks, "probability of each task", bounds=(0.0, 1.0))
     mean, std = estimate.mean[0].astype(float), estimate.std[0].astype(float)
     names, units = labels.names or ("",) * len(mean), labels.units or ("",) * len(mean)
     same = len(set(units)) == 1 and units[0]
@@ -68,7 +66,3 @@ def read_task(model: TaskInference, state: State) -> Reading:
     known = space is not None and np.isfinite([space.low, space.high]).all()
     bounds = (float(space.low.min()), float(space.high.max())) if known else None
     return Reading(mean, std, names, about, is_task=True, bounds=bounds)
-
-
-def _readout(model: TaskInference) -> Any:
-    return getattr(model.policy, "readout", None)

@@ -172,6 +172,10 @@ def test_what_is_found_is_what_the_agent_believed(normalize: bool) -> None:
     first = recorded[-1][0]
     columns = (first.observations, first.actions, first.rewards[:, None], first.next_observations)
     belief = model.infer(Transitions(*(column[:12] for column in columns)))
+    estimate = model.infer_task(Transitions(*(column[:12] for column in columns)))
+    assert found.readout_misses is not None and estimate.tasks is not None and estimate.probabilities is not None
+    true = (estimate.tasks == tasks[-1]).all(axis=-1)
+    assert found.readout_misses[-1, 0, 12, 0] == pytest.approx(1 - estimate.probabilities[true].item(), abs=1e-5)
     samples = model.predict_outcomes(belief, *(columns[i][12] for i in (0, 1, 3)), n_samples=4_000).rewards
     assert samples is not None
     truth = [samples.mean(), samples.quantile(0.05), samples.quantile(0.95)]

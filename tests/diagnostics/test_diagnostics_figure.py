@@ -1,4 +1,4 @@
-"""The figure of the diagnostics: what its six panels show, for few tasks and for many."""
+"""The figure of the diagnostics: what its panels show, for few tasks and for many, and its verdict."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pytest
 
 from sb3_bruno.diagnostics.figure import draw_diagnostics, plot_diagnostics
 from sb3_bruno.diagnostics.result import Diagnostics
+from sb3_bruno.diagnostics.verdict import TRUE_TASK, verdict
 
 
 def diagnostics_of(n_tasks: int, quantities: int = 1, outside_bound: float | None = None) -> Diagnostics:
@@ -46,7 +47,7 @@ def test_six_panels_show_the_numbers() -> None:
         "Distance of 4 sets of transitions",
         "Out-of-distribution alarm: AUROC 1.000",
         f"Log score of held-out transitions: {numbers['log_score']:.2f} nats",
-        "Posterior means, 75 % of their variance",
+        "Posterior means: 75 % of their variance",
         "Predicted and real quantity 0",
     ]
     labels = [[text.get_text() for text in panel.get_legend().get_texts()] for panel in panels]
@@ -64,10 +65,56 @@ def test_names_of_tasks_are_drawn_as_they_are(tmp_path: Path) -> None:
     assert len(prediction.get_legend().get_texts()) == 4
 
 
-def test_an_encoder_that_measures_no_distance_has_five_panels(tmp_path: Path) -> None:
+def readout(found: Diagnostics, entries: list[str]) -> Diagnostics:
+    """Add a read-out that is off by 0.25 from the start, and holds half of the time."""
+    shape = (*found.beliefs.shape[:3], len(entries))
+    holds = np.resize([0.0, 1.0], shape)
+    return replace(found, readout_entries=np.array(entries), readout_misses=np.full(shape, 0.25), readout_holds=holds)
+
+
+def test_there_is_a_panel_for_what_was_measured_and_no_other() -> None:
+    found = diagnostics_of(2)
+    for kind, n_panels in {
+        found: 5,  # no outside tasks, no alarm
+        replace(found, distance_levels=None): 4,
+        readout(found, ["velocity, m/s"]): 6,
+        readout(diagnostics_of(2, outside_bound=-5.0), [TRUE_TASK]): 7,
+    }.items():
+        figure = draw_diagnostics(kind)
+        assert len(figure.axes) == n_panels and all(panel.has_data() for panel in figure.axes)
+        assert figure.get_suptitle().replace("\n", " ") == f"Verdict: {verdict(kind)}"
+
+
+@pytest.mark.parametrize(
+    ("entries", "title", "labels", "height"),
+    [
+        (["velocity, m/s"], "Read-out: 90 % interval holds 60 %", ["velocity, m/s"], 0.25),
+        (
+            [TRUE_TASK],
+            "Read-out: likeliest task right in 60 %",
+            [TRUE_TASK],
+            0.75,
+        ),
+        ([f"task[{i}]" for i in range(6)], "Read-out: 90 % interval holds 50 %", ["median entry"], 0.25),
+    ],
+)
+def test_the_read_out_is_drawn_along_time(entries: list[str], title: str, labels: list[str], height: float) -> None:
+    found = readout(diagnostics_of(2), entries)
+    panel = next(panel for panel in draw_diagnostics(found).axes if panel.get_title(loc="left") == title)
+    assert [text.get_text() for text in panel.get_legend().get_texts()] == labels
+    assert panel.lines[0].get_ydata() == pytest.approx(np.full(6, height))
+
+
+def test_an_axis_that_holds_nothing_is_time(tmp_path: Path) -> None:
+    found = replace(diagnostics_of(2), explained=np.array([0.99, 0.001]))
+    beliefs = draw_diagnostics(found).axes[-2]
+    assert beliefs.get_title(loc="left") == "Posterior means: 99 % of their variance"
+    assert (beliefs.get_xlabel(), beliefs.get_ylabel()) == ("transitions seen", "principal axis 1 (99 %)")
+    np.testing.assert_array_equal(beliefs.lines[0].get_xdata(), np.arange(6))
+
+
+def test_an_encoder_that_measures_no_distance_says_so(tmp_path: Path) -> None:
     found = replace(diagnostics_of(2), distance_levels=None)
-    titles = [panel.get_title(loc="left") for panel in draw_diagnostics(found).axes]
-    assert len(titles) == 5 and not any(title.startswith("Distance") for title in titles)
     assert "sets of transitions" not in found.summary() and "distance_ks" not in found.numbers()
     found.save(tmp_path / "found.npz")
     assert Diagnostics.load(tmp_path / "found.npz").distance_levels is None
@@ -76,9 +123,9 @@ def test_an_encoder_that_measures_no_distance_has_five_panels(tmp_path: Path) ->
 
 
 def test_lines_are_the_arrays() -> None:
-    found = diagnostics_of(2)
+    found = diagnostics_of(2, outside_bound=-5.0)
     _, _, alarm, log_scores, beliefs, prediction = draw_diagnostics(found).axes
-    assert sum(bar.get_height() for bar in alarm.patches) == found.scores().size
+    assert sum(bar.get_height() for bar in alarm.patches) == found.scores().size + 2
     np.testing.assert_allclose(log_scores.lines[0].get_ydata(), np.nanmedian(found.log_scores, axis=(0, 1)))
     ends = [line.get_xydata()[0] for line in beliefs.lines if line.get_marker() == "o"]
     np.testing.assert_allclose(ends, [*found.beliefs[0, :, -1], found.beliefs[1, 0, -1], found.beliefs[1, 1, 3]])
@@ -99,9 +146,9 @@ def test_scores_far_outside_do_not_squeeze_the_others(outside_bound: float) -> N
 def test_many_tasks_have_a_colour_bar_and_many_quantities_no_names() -> None:
     *panels, bar = draw_diagnostics(diagnostics_of(12, quantities=9)).axes
     assert bar.get_ylabel() == "task, first dimension"
-    assert [text.get_text() for text in panels[0].get_legend().get_texts()] == ["calibrated"]
-    assert [text.get_text() for text in panels[4].get_legend().get_texts()] == ["prior"]
-    colors = {tuple(line.get_color()) for line in panels[4].lines if line.get_marker() == "o"}
+    assert [text.get_text() for text in panels[0].get_legend().get_texts()] == ["each of 9 quantities", "calibrated"]
+    assert [text.get_text() for text in panels[3].get_legend().get_texts()] == ["prior"]
+    colors = {tuple(line.get_color()) for line in panels[3].lines if line.get_marker() == "o"}
     assert len(colors) == 12
 
 

@@ -89,7 +89,8 @@ def test_summary_shows_each_quantity() -> None:
     assert [line[:23].strip() for line in lines[1:4]] == ["quantity", "reward", "change of observation 0"]
     assert lines[2].split()[1] == f"{found.pit_ks()[0]:.3f}"
     assert len({len(line) for line in lines[1:4]}) == 1
-    assert lines[-1] == f"outside tasks: 2, told from these with AUROC {found.auroc():.3f}"
+    assert lines[-2] == f"outside tasks: 2, told from these with AUROC {found.auroc():.3f}"
+    assert lines[-1].startswith("Verdict: intervals right")
     assert "AUROC" not in diagnostics_of(n_outside=0).summary()
 
 
