@@ -39,6 +39,7 @@ def evaluate(arguments: list[str]) -> None:
     from sb3_bruno.algorithms.task_inference import TaskInference
     from sb3_bruno.evaluation.adaptation import evaluate_adaptation
     from sb3_bruno.plotting.curves import plot_adaptation
+    from sb3_bruno.plotting.names import method_name
     from sb3_bruno.plotting.reading import check_readable
 
     agent = load_agent(options)
@@ -62,7 +63,7 @@ def evaluate(arguments: list[str]) -> None:
         )
     kept = _file_of(options, agent, "adaptation")
     result.save(kept.with_suffix(".json"))
-    plot_adaptation({options.algo: result}, kept.with_suffix(".png"))
+    plot_adaptation({method_name(agent.config): result}, kept.with_suffix(".png"))
     print(result.summary())
     if agent.test.n_inner > 1:
         means = result.returns_per_episode(agent.test.n_inner).mean(axis=(0, 1))
@@ -192,6 +193,7 @@ def plot(arguments: list[str]) -> None:
 
     from sb3_bruno.evaluation.eval_callback import load_learning_curve
     from sb3_bruno.plotting.curves import plot_learning_curves
+    from sb3_bruno.plotting.names import method_name
 
     curves = {}
     for algo in options.algo:
@@ -202,7 +204,7 @@ def plot(arguments: list[str]) -> None:
             raise Mistake(f"{options.exp_folder / algo} has no evaluated run of {options.env}: train with --eval-freq")
     options.out.parent.mkdir(parents=True, exist_ok=True)
     with told_as_mistake():
-        plot_learning_curves(curves, options.out)
+        plot_learning_curves({method_name({"algo": algo}): runs for algo, runs in curves.items()}, options.out)
     for algo, of_algo in curves.items():
         last = [float(np.mean(curve.returns[-1])) for curve in of_algo]
         print(f"{algo}: {len(last)} runs, last evaluation {np.mean(last):.1f} on average")

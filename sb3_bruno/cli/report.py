@@ -35,6 +35,7 @@ def report(arguments: list[str]) -> None:
     check_installed("matplotlib", "pandas")
 
     from sb3_bruno.report.page import check_budgets, write_page
+    from sb3_bruno.zoo.called import with_names
 
     with told_as_mistake():
         new = {options.out / folder: record for folder, record in _records_of(options.runs).items()}
@@ -48,7 +49,7 @@ def report(arguments: list[str]) -> None:
         records = list(_recorded(options.out).values())
         if not records:
             raise Mistake(f"{options.out} holds no record and no run was given: give folders of runs that were tested")
-        print(write_page(records, options.out))
+        print(write_page(list(map(with_names, records)), options.out))
 
 
 def _recorded(out: Path) -> dict[Path, RunRecord]:

@@ -14,7 +14,7 @@ from sb3_bruno.diagnostics.result import Diagnostics
 from sb3_bruno.diagnostics.verdict import TRUE_TASK, verdict
 from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.task_names import task_labels, task_title
-from sb3_bruno.plotting.style import COLORS, INK, as_text, draw_band, style_panel
+from sb3_bruno.plotting.style import COLORS, FIRST_STEPS, GREY, INK, as_text, draw_band, style_panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 _MAX_NAMED = 4  # up to so many lines of a panel have a name and a colour each; more share one colour
 _MAX_TRACES = 2  # tasks whose prediction is drawn
 _ALARM_REACH = 4  # scores are drawn up to so many times the range of the inside scores away from them
-_FIRST = 60  # steps of what happens while the agent finds the task out
 _LEAST_EXPLAINED = 0.02  # a principal axis that holds less of the variance is not drawn
-_GREY = "#9A9A9A"  # lines that show the ideal
 
 
 def plot_diagnostics(diagnostics: Diagnostics, path: str | Path) -> None:
@@ -80,7 +78,7 @@ def _draw_pit(panel: Axes, found: Diagnostics) -> None:
         style: dict[str, Any] = {"color": color, "label": f"{name}, KS {ks:.2f}"} if few else unnamed
         highest = max(highest, density.max())
         panel.stairs(density, edges, linewidth=1.8, alpha=1.0 if few else 0.3, **style)
-    panel.axhline(1.0, color=_GREY, linestyle=(0, (5, 3)), label="calibrated")
+    panel.axhline(1.0, color=GREY, linestyle=(0, (5, 3)), label="calibrated")
     panel.set_ylim(0.0, 1.4 * highest)  # room for the legend
     panel.set_xlim(0.0, 1.0)
     _label(panel, "PIT of the one-step predictive", "density")
@@ -97,7 +95,7 @@ def _draw_distances(panel: Axes, found: Diagnostics) -> None:
         unnamed = {"color": COLORS[0], "label": f"each of {levels.shape[1]} latents" if i == 0 else None}
         style: dict[str, Any] = {"color": color, "label": f"{name}, KS {ks:.2f}"} if few else unnamed
         panel.ecdf(levels[:, i], linewidth=1.8, alpha=1.0 if few else 0.3, **style)
-    panel.plot([0.0, 1.0], [0.0, 1.0], color=_GREY, linestyle=(0, (5, 3)), label="calibrated")
+    panel.plot([0.0, 1.0], [0.0, 1.0], color=GREY, linestyle=(0, (5, 3)), label="calibrated")
     panel.set_xlim(-0.02, 1.02)
     panel.set_ylim(0.0, 1.02)
     _label(panel, r"PIT of $\beta_n$", "share of sets below")
@@ -134,7 +132,7 @@ def _draw_log_scores(panel: Axes, found: Diagnostics) -> None:
 def _draw_readout(panel: Axes, found: Diagnostics) -> None:
     """Draw how far the read-out is off after each step: the median episode and the middle half of the episodes."""
     assert found.readout_misses is not None and found.readout_entries is not None and found.readout_holds is not None
-    entries, misses = found.readout_entries, found.readout_misses[:, :, : _FIRST + 1]
+    entries, misses = found.readout_entries, found.readout_misses[:, :, : FIRST_STEPS + 1]
     is_chance = entries[0] == TRUE_TASK
     held = _percent(float(np.nanmean(found.readout_holds[:, :, 1:])))
     style_panel(panel, f"Read-out: {'likeliest task right in' if is_chance else '90 % interval holds'} {held}")
@@ -163,7 +161,7 @@ def _draw_beliefs(panel: Axes, found: Diagnostics) -> None:
         for i, path in enumerate(episodes):
             known = path[~np.isnan(path).any(axis=-1)]
             if is_line:
-                known = np.column_stack([np.arange(len(known)), known[:, 0]])[: _FIRST + 1]
+                known = np.column_stack([np.arange(len(known)), known[:, 0]])[: FIRST_STEPS + 1]
             panel.plot(*known.T, color=color, linewidth=0.8, alpha=0.5)
             label = as_text(title) if few and i == 0 else None
             panel.plot(*known[-1], color=color, marker="o", markersize=6, linestyle="", label=label)
@@ -197,7 +195,7 @@ def _draw_prediction(panel: Axes, found: Diagnostics) -> None:
     """Draw what was predicted and what came, in one episode of each of the first tasks."""
     name = str(found.quantities[0])
     style_panel(panel, f"Predicted and real {name}")
-    steps = np.arange(1, min(found.real.shape[1], _FIRST) + 1)
+    steps = np.arange(1, min(found.real.shape[1], FIRST_STEPS) + 1)
     titles = _titles(found)
     for i, color in zip(range(min(len(found.tasks), _MAX_TRACES)), COLORS, strict=False):
         mean, low, high = found.predicted[:, i, : len(steps)]

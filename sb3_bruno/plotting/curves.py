@@ -12,14 +12,14 @@ from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.eval_callback import LearningCurve
 from sb3_bruno.evaluation.floats import Floats, mean_of_known
 from sb3_bruno.evaluation.task_names import FEW_TASKS, pooled_title, task_label, task_labels, task_title
-from sb3_bruno.plotting.style import plot_bands
+from sb3_bruno.plotting.style import FIRST_STEPS, plot_bands
 
 
 def plot_adaptation(results: Mapping[str, AdaptationResult], path: str | Path) -> None:
-    """Draw the reward at each environment step: the mean over the episodes, and their range.
+    """Draw the reward at each environment step, the first 60 large: the mean over the episodes, and their middle half.
 
     Up to four tasks get a panel each, if all results have the same tasks; otherwise the tasks are pooled. A panel's
-    title shows the mean returns, in the order of the legend.
+    title shows the mean returns, in the order of ``results``. Lines divide the episodes of a trial.
 
     Args:
         results: by the name to show in the legend.
@@ -40,7 +40,10 @@ def plot_adaptation(results: Mapping[str, AdaptationResult], path: str | Path) -
         returns = ", ".join(f"{result.mean_return()[rows].mean():.1f}" for result in results.values())
         bands = {name: adaptation_band(result, rows) for name, result in results.items()}
         panels[f"{title}: return {returns}"] = bands
-    plot_bands(panels, path, "environment step", "reward", "Line: mean. Band: lowest to highest episode.")
+    n_inner = first.config.get("n_inner_episodes", 1)
+    borders = [first.horizon * i / n_inner + 0.5 for i in range(1, n_inner)]
+    note = "Line: mean. Band: middle half of the episodes."
+    plot_bands(panels, path, "environment step", "reward", note, first=FIRST_STEPS, borders=borders)
 
 
 def plot_learning_curves(
@@ -51,13 +54,14 @@ def plot_learning_curves(
 ) -> None:
     """Draw the test return against the environment steps of training.
 
-    The line is the mean over the runs. The band is the range of the runs' means, or the range of the episodes if no
-    method has several runs. Up to four tasks get a panel each; more are pooled.
+    The line is the mean over the runs. The band is the middle half of the runs' means, or of the episodes if no method
+    has several runs. Up to four tasks get a panel each; more are pooled.
 
     Args:
         curves: the runs of each method, one per seed, by the name to show in the legend.
         path: the image to write; its suffix chooses the format.
-        oracle: the return to compare with, drawn as a dashed line; or the return on each task, by ``task_label``.
+        oracle: the return of an agent that is told the task, drawn as a dashed line; or its return on each task, by
+            ``task_label``.
 
     Raises:
         ValueError: if ``curves`` is empty, the runs of a method were evaluated at different steps, or ``oracle`` lacks
@@ -78,7 +82,7 @@ def plot_learning_curves(
         panels[title] = {name: learning_band(name, runs, task, over_runs=several) for name, runs in methods.items()}
         if oracle is not None:
             levels[title] = _oracle_return(oracle, task)
-    note = f"Line: mean. Band: lowest to highest {'run' if several else 'episode'}."
+    note = f"Line: mean. Band: middle half of the {'runs' if several else 'episodes'}."
     plot_bands(panels, path, "environment steps of training", "test return", note, levels)
 
 

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 Frame = NDArray[np.uint8]
 """An image, ``(height, width, 3)``."""
 
-_PALETTE = "split[a][b];[a]palettegen=max_colors=64:stats_mode=diff[p];[b][p]paletteuse=dither=none:diff_mode=rectangle"
+_PALETTE = "split[a][b];[a]palettegen=max_colors=96[p];[b][p]paletteuse=dither=none:diff_mode=rectangle"
 _HOW: dict[str, dict[str, Any]] = {  # arguments of imageio_ffmpeg.write_frames
     ".mp4": {"codec": "libx264", "quality": 7},
     ".gif": {
         "codec": "gif",
         "pix_fmt_out": "pal8",
         "quality": None,
-        # 64 colours, chosen for what moves; without dither, what stands still takes no room
+        # 96 colours for the whole film; without dither, what stands still takes no room
         "output_params": ["-filter_complex", _PALETTE],
     },
 }

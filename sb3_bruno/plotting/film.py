@@ -9,13 +9,12 @@ import numpy as np
 from sb3_bruno.evaluation.floats import Floats
 from sb3_bruno.plotting.encode import Frame
 from sb3_bruno.plotting.reading import Reading
-from sb3_bruno.plotting.style import COLORS, INK, apart, as_text, style_panel
+from sb3_bruno.plotting.style import COLORS, GREY, INK, apart, as_text, style_panel
 
 SIZE = (720, 376)  # pixels: a square for the image, a header above it, a chart beside it
 _DPI = 100
 _HEADER = 56  # pixels
 _MOST_NAMED = 4  # up to so many lines have a label each
-_GREY = "#9A9A9A"  # the truth
 
 
 class Moment(NamedTuple):
@@ -127,7 +126,7 @@ class FilmFigure:
             above = chart.get_xaxis_transform()
             chart.text(switch, 1.0, "switch", transform=above, fontsize=8, color=INK, va="bottom", ha="center")
         self.colors = [COLORS[i % len(COLORS)] for i in range(n)]
-        self.truths = [chart.plot([], [], color=_GREY, linewidth=1.2, linestyle=(0, (4, 2)))[0] for _ in range(n)]
+        self.truths = [chart.plot([], [], color=GREY, linewidth=1.2, linestyle=(0, (4, 2)))[0] for _ in range(n)]
         self.lines = [chart.plot([], [], color=color, linewidth=1.8)[0] for color in self.colors]
         self.bands: list[Any] = []
         names = reading.names if n <= _MOST_NAMED else ("",) * n

@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
-from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.eval_callback import LearningCurve, load_learning_curve
+from sb3_bruno.evaluation.floats import mean_of_known
 from sb3_bruno.evaluation.task_names import ALL_TASKS, FEW_TASKS, task_label
 from sb3_bruno.files.whole import whole_files
 from sb3_bruno.runs.clock import TrainingClock
@@ -177,9 +177,16 @@ def _rewards(result: AdaptationResult) -> pd.DataFrame:
     else:
         groups = dict(zip(result.labels, result.rewards, strict=True))
     steps = np.arange(1, horizon + 1)
-    bands = {name: Band.of(steps, rewards.astype(np.float64)) for name, rewards in groups.items()}
     tables = [
-        pd.DataFrame({"task": name, "step": band.x, "mean": band.mean, "low": band.low, "high": band.high})
-        for name, band in bands.items()
+        pd.DataFrame(
+            {
+                "task": name,
+                "step": steps,
+                "mean": mean_of_known(rewards),
+                "low": np.fmin.reduce(rewards.astype(np.float64), axis=0),
+                "high": np.fmax.reduce(rewards.astype(np.float64), axis=0),
+            }
+        )
+        for name, rewards in groups.items()
     ]
     return pd.concat(tables)

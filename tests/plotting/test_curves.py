@@ -14,7 +14,7 @@ from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.eval_callback import LearningCurve
 from sb3_bruno.plotting.curves import adaptation_band, learning_band, plot_adaptation, plot_learning_curves
-from sb3_bruno.plotting.style import COLORS, plot_bands
+from sb3_bruno.plotting.style import COLORS, apart, plot_bands
 
 NAN = np.nan
 
@@ -26,25 +26,25 @@ def curve_of(returns: Sequence[Sequence[float]], tasks: Sequence[float], first_s
     return LearningCurve(steps, np.tile(np.float32(tasks)[None, :, None], (n, 1, 1)), np.array(returns, float))
 
 
-def test_adaptation_band_is_mean_and_range_of_running_episodes() -> None:
+def test_adaptation_band_is_mean_and_middle_half_of_running_episodes() -> None:
     rewards = [[[1, 2], [3, NAN]], [[5, 8], [7, 0]]]
     result = AdaptationResult(np.array([[0.0], [1.0]]), np.array(rewards))
     pooled, first = adaptation_band(result), adaptation_band(result, slice(0, 1))
-    np.testing.assert_array_equal(np.stack(pooled), [[1, 2], [4, 10 / 3], [1, 0], [7, 8]])
-    np.testing.assert_array_equal(np.stack(first), [[1, 2], [2, 2], [1, 2], [3, 2]])
+    np.testing.assert_array_equal(np.stack(pooled), [[1, 2], [4, 10 / 3], [2.5, 1], [5.5, 5]])
+    np.testing.assert_array_equal(np.stack(first), [[1, 2], [2, 2], [1.5, 2], [2.5, 2]])
 
 
-def test_learning_band_of_one_run_ranges_over_episodes() -> None:
+def test_learning_band_of_one_run_is_of_its_episodes() -> None:
     run = curve_of([[1, 2, 6], [4, 4, 7]], [0.0, 0.0, 1.0])
     pooled = learning_band("x", [run], over_runs=False)
-    np.testing.assert_array_equal(np.stack(pooled), [[10, 20], [3, 5], [1, 4], [6, 7]])
+    np.testing.assert_array_equal(np.stack(pooled), [[10, 20], [3, 5], [1.5, 4], [4, 5.5]])
     first = learning_band("x", [run], np.float32([0.0]), over_runs=False)
-    np.testing.assert_array_equal(np.stack(first), [[10, 20], [1.5, 4], [1, 4], [2, 4]])
+    np.testing.assert_array_equal(np.stack(first), [[10, 20], [1.5, 4], [1.25, 4], [1.75, 4]])
 
 
-def test_learning_band_of_several_runs_ranges_over_their_means_up_to_the_shortest() -> None:
+def test_learning_band_of_several_runs_is_of_their_means_up_to_the_shortest() -> None:
     runs = [curve_of([[1, 3], [5, 7]], [0.0, 1.0]), curve_of([[4, 8]], [0.0, 1.0])]
-    np.testing.assert_array_equal(np.stack(learning_band("x", runs)).ravel(), [10, 4, 2, 6])
+    np.testing.assert_array_equal(np.stack(learning_band("x", runs)).ravel(), [10, 4, 3, 5])
 
 
 def test_an_evaluation_that_missed_the_task_leaves_a_gap() -> None:
@@ -70,7 +70,7 @@ def test_few_tasks_get_a_panel_each(tmp_path: Path) -> None:
         "BrunoSAC",
         "environment step",
     }
-    assert texts(tmp_path / "curves.svg") >= {"task 0", "task 1", "RL2", "oracle", "test return"}
+    assert texts(tmp_path / "curves.svg") >= {"task 0", "task 1", "RL2", "told the task", "test return"}
 
 
 def test_many_tasks_or_different_ones_are_pooled(tmp_path: Path) -> None:
@@ -81,7 +81,7 @@ def test_many_tasks_or_different_ones_are_pooled(tmp_path: Path) -> None:
     plot_learning_curves({"x": curve_of([range(5)], range(5))}, tmp_path / "curves.svg", oracle=5.0)
     assert "5 tasks: return 20.0" in texts(tmp_path / "many.svg")
     assert "2 tasks: return 3.0, 3.0" in texts(tmp_path / "different.svg")
-    assert texts(tmp_path / "curves.svg") >= {"5 tasks", "Line: mean. Band: lowest to highest episode."}
+    assert texts(tmp_path / "curves.svg") >= {"5 tasks", "Line: mean. Band: middle half of the episodes."}
 
 
 def test_a_name_has_one_colour_in_all_panels(tmp_path: Path) -> None:
@@ -120,6 +120,33 @@ def test_a_long_title_takes_more_lines_instead_of_being_cut(tmp_path: Path) -> N
     plot_adaptation({"x": result}, tmp_path / "x.svg")
     titles = [text for text in texts(tmp_path / "x.svg") if "left" in text]
     assert len(titles) > 2 and max(map(len, titles)) <= 54
+
+
+def test_few_lines_are_named_at_their_ends_and_more_in_a_legend(tmp_path: Path) -> None:
+    bands = {name: Band(np.arange(3.0), *np.full((3, 3), height)) for height, name in enumerate("wxyz")}
+    plot_bands({"a": bands}, tmp_path / "few.svg", "step", "return", "")
+    plot_bands({"a": {**bands, "v": bands["w"]}}, tmp_path / "more.svg", "step", "return", "")
+    few, more = ((tmp_path / f"{name}.svg").read_text(encoding="utf-8") for name in ("few", "more"))
+    assert 'id="legend_' not in few and {*"wxyz"} <= texts(tmp_path / "few.svg")
+    assert 'id="legend_' in more
+
+
+def test_the_first_steps_are_drawn_large_and_all_steps_below(tmp_path: Path) -> None:
+    def drawn(horizon: int, **config: int) -> tuple[int, str]:
+        result = AdaptationResult(np.zeros((1, 1)), np.ones((1, 2, horizon)), config=config)
+        plot_adaptation({"x": result}, tmp_path / "x.svg")
+        figure = (tmp_path / "x.svg").read_text(encoding="utf-8")
+        return figure.count('<g id="axes_'), figure
+
+    assert drawn(60)[0] == 1 and drawn(61)[0] == 2
+    whole, trial = drawn(60)[1], drawn(60, n_inner_episodes=3)[1]
+    assert trial.count("stroke-dasharray") == whole.count("stroke-dasharray") + 2  # borders of its episodes
+
+
+def test_labels_keep_apart_and_in_order() -> None:
+    np.testing.assert_allclose(apart(np.array([1.0, 1.0, 5.0]), gap=2.0), [0.0, 2.0, 5.0])
+    np.testing.assert_allclose(apart(np.array([5.0, 1.0, 1.5]), gap=2.0), [5.0, 0.25, 2.25])
+    assert apart(np.array([3.0]), gap=2.0).tolist() == [3.0]
 
 
 def test_matplotlibs_settings_are_left_alone(tmp_path: Path) -> None:

@@ -137,15 +137,17 @@ def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monk
     assert RunRecord.load(tmp_path / "page" / "sac_oracle" / "seed3").learning["seconds"].tolist() == [60, 60, 180, 180]
     page = (tmp_path / "page" / "table.md").read_text()
     assert page.strip() in capsys.readouterr().out
-    assert "| bruno_sac | 2 | 400 |" in page and "| sac (oracle) | 1 | 400 |" in page
+    assert "| BrunoSAC | 2 | 400 |" in page and "| told the task | 1 | 400 |" in page
     assert "| bruno_sac | 5 |" in page and "2 / ?" in page and "| 1234567 fedcba9-dirty | abcdef0 |" in page
     assert "mean over the train tasks" in page, "of the runs that know it"
     assert "| ? | abcdef0 |" in page, "where it is not known"
-    for name in ("learning_curves.png", "adaptation.png", "wall_time.png"):
+    for name in ("learning_curves.png", "adaptation.png", "wall_time.png", "regret.png", "methods.png"):
         assert (tmp_path / "page" / name).stat().st_size > 10_000
-    assert "| 200 steps | 210 steps | 210 steps, 1_0 |" in page
+    assert "| 200 steps | 210 steps | behind “told the task” | 210 steps, backward |" in page, "as the env calls it"
+    assert not (tmp_path / "page" / "tasks.png").exists(), "tasks are few"
+    monkeypatch.setattr("sb3_bruno.report.page.draw_page", lambda methods, out: None)  # which takes seconds
     report(run_folder(tmp_path / "f", 3, "sac", tasks=DIRECTIONS[1:], conf="forward"))
-    of_one_task = "| sac (forward) | 1 | 400 | 333.3 | 350.0 |  | 350.0 |"
+    of_one_task = "| SAC, forward | 1 | 400 | 333.3 | 350.0 | 280.0 |  | 350.0 |"
     assert of_one_task in (tmp_path / "page" / "table.md").read_text()
     with pytest.raises(SystemExit, match="sb3-bruno evaluate"):
         report(tmp_path)
