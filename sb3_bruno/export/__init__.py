@@ -1,4 +1,4 @@
-"""Agents as files that act without this package."""
+"""Agents as files: one that this package loads without running code, and one that acts without this package."""
 
 from __future__ import annotations
 
@@ -6,14 +6,19 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sb3_bruno.export.agent_file import load_agent, save_agent
+    from sb3_bruno.export.classes import register_agent_class
     from sb3_bruno.export.controller import Controller
     from sb3_bruno.export.write_step import export_agent
 
-__all__ = ["Controller", "export_agent"]
+__all__ = ["Controller", "export_agent", "load_agent", "register_agent_class", "save_agent"]
 
 _HOMES = {
     "Controller": "controller",
     "export_agent": "write_step",
+    "load_agent": "agent_file",
+    "register_agent_class": "classes",
+    "save_agent": "agent_file",
 }
 """The module of every name above."""
 

@@ -1,0 +1,55 @@
+"""How large an agent file may be, and what loading one may make: what asks for more is refused before it costs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch as th
+from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves, tree_map
+
+LARGEST_TEXT = 2**20  # bytes of a member that is text
+LARGEST_TENSORS = 2**30  # bytes of all tensors
+LARGEST_TENSOR = 2**28  # bytes
+LARGEST_SPACE = 100_000  # numbers in a space
+LARGEST_BUFFER = 10_000_000  # transitions
+LARGEST_COUNT = 1_000_000  # any whole number that shapes a network
+
+
+class Budget(TorchDispatchMode):
+    """Refuses to compute more or larger tensors than agents of a file's size need, before they take any memory.
+
+    Every operation is run on torch's device "meta" first, which computes shapes alone. Our agents need 5 operations
+    for each tensor that is kept, and 4 bytes for each byte.
+
+    Args:
+        kept: the tensors of the file by name.
+    """
+
+    def __init__(self, kept: Mapping[str, Tensor]) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        self._operations = 2_000 + 30 * len(kept)
+        self._bytes = 2**24 + 16 * sum(tensor.nbytes for tensor in kept.values())
+
+    def __torch_dispatch__(
+        self, func: Any, types: Any, args: tuple[Any, ...] = (), kwargs: dict[str, Any] | None = None
+    ) -> Any:
+        self._operations -= 1
+        self._bytes -= _bytes_of_result(func, args, kwargs or {})
+        if self._operations < 0 or self._bytes < 0:
+            raise ValueError("its settings describe networks that are larger than its weights")
+        return func(*args, **(kwargs or {}))
+
+
+def _bytes_of_result(func: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> int:
+    """Return how many bytes the tensors take that an operation makes."""
+    args, kwargs = tree_map(lambda value: value.to("meta") if isinstance(value, Tensor) else value, (args, kwargs))
+    if "device" in kwargs:
+        kwargs["device"] = th.device("meta")
+    try:
+        made = func(*args, **kwargs)
+    except Exception:  # it needs the numbers, as th.unique does: then its result is no larger than what it is given
+        made = args
+    return sum(value.nbytes for value in tree_leaves(made) if isinstance(value, Tensor))

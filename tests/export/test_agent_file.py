@@ -1,0 +1,296 @@
+"""An agent that is loaded from an agent file acts and believes as the one that was saved, to the last bit."""
+
+import numpy as np
+import pytest
+import torch as th
+from gymnasium import spaces
+from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise, VectorizedActionNoise
+from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from torch import nn
+
+from sb3_bruno import BrunoSAC, BrunoTD3, PearlSAC
+from sb3_bruno.algorithms.sac import TaskSACPolicy
+from sb3_bruno.encoders import ENCODERS, HasPosterior, Predicts, RecurrentEncoder, Transitions, find_encoder
+from sb3_bruno.export import classes, load_agent, register_agent_class, save_agent
+from sb3_bruno.export.agent_file import _Written
+from sb3_bruno.export.plain import from_plain, to_plain
+from sb3_bruno.export.space_json import read_space, write_space
+from support.tiny_models import ALGORITHMS, POINT, assert_same, make_pendulum, make_point, normalized, rollout, tiny
+
+BY_ENCODER = [name for name in ENCODERS if name not in {cls.default_encoder for cls in ALGORITHMS}]
+AGENTS = [*((cls, {}) for cls in ALGORITHMS), *((BrunoSAC, {"encoder_class": name}) for name in BY_ENCODER)]
+NAMES = [*(cls.__name__ for cls in ALGORITHMS), *BY_ENCODER]
+
+
+def made(algorithm, env, **options):
+    """A tiny agent, whose encoder is of its own default size if it is not the algorithm's."""
+    arguments = tiny(algorithm, **options)
+    if "encoder_class" in options:
+        arguments = {name: value for name, value in arguments.items() if not name.startswith("encoder_")} | options
+    return algorithm("MlpPolicy", env, **arguments)
+
+
+def again(model, path, env=None):
+    """Save an agent, and load it."""
+    save_agent(model, path)
+    return load_agent(path, env, device="cpu")
+
+
+def steps_of(model, env):
+    env.seed(3)
+    th.manual_seed(0)  # of an encoder that samples
+    return [(state, action) for _, state, action in rollout(model, env, 60)]
+
+
+@pytest.mark.parametrize(("algorithm", "options"), AGENTS, ids=NAMES)
+def test_a_loaded_agent_acts_and_believes_as_the_saved_one(algorithm, options, tmp_path):
+    env = normalized(make_point)
+    model = made(algorithm, env, **options)
+    model.learn(45)
+    env.training = False
+    forgets = isinstance(model.encoder, Predicts) and (options or algorithm is BrunoSAC)
+    model.policy.forget_threshold = 5.0 if forgets else None
+    loaded = again(model, tmp_path / "point.agent")
+    assert type(loaded) is algorithm
+    assert (loaded.num_timesteps, loaded.seed, loaded.get_env()) == (45, 0, None)
+    assert loaded.policy.forget_threshold == model.policy.forget_threshold
+    assert_same(steps_of(loaded, env), steps_of(model, env))
+    assert_same(loaded.policy.state_dict(), model.policy.state_dict())
+    if isinstance(model.encoder, HasPosterior):
+        seen = env.observation_space["observation"].shape[0]
+        transitions = Transitions(*(np.full((7, dim), 0.1, np.float32) for dim in (seen, 2, 1, seen)))
+        beliefs = [agent.infer(transitions) for agent in (loaded, model)]  # in the env's own units
+        assert_same(beliefs[0].mean, beliefs[1].mean)
+        if isinstance(model.encoder, Predicts):
+            asked = [np.full(dim, 0.1, np.float32) for dim in (seen, 2, seen)]
+            th.manual_seed(0)
+            outcomes = [loaded.predict_outcomes(beliefs[0], *asked, n_samples=5)]
+            th.manual_seed(0)
+            outcomes.append(model.predict_outcomes(beliefs[1], *asked, n_samples=5))
+            assert_same(outcomes[0].mean(), outcomes[1].mean())
+
+
+def test_the_env_that_is_given_is_normalised_as_in_training(tmp_path):
+    env = normalized(make_pendulum, norm_reward=True, clip_obs=3.0, norm_obs_keys=["observation", "reward"])
+    model = made(BrunoSAC, env)
+    model.learn(60)
+    loaded = again(model, tmp_path / "pendulum.agent", make_pendulum())
+    shown = loaded.get_env()
+    assert isinstance(shown, VecNormalize)
+    assert not shown.training
+    raw = {key: space.sample()[None] for key, space in env.observation_space.spaces.items()}
+    assert_same(shown.normalize_obs(raw), env.normalize_obs(raw))
+    assert_same(shown.normalize_reward(np.ones(1)), env.normalize_reward(np.ones(1)))
+    env.training = False
+    assert_same(steps_of(loaded, shown), steps_of(model, env))
+
+
+def test_with_an_env_it_learns_from_the_start_with_what_it_was_made_with(tmp_path):
+    schedule = LinearSchedule(1e-3, 0.0, 1.0)
+    model = made(BrunoSAC, make_point(), learning_rate=schedule, gamma=0.9, train_freq=(2, "step"), ent_coef="auto_0.5")
+    model.learn(60)
+    loaded = again(model, tmp_path / "point.agent", make_point())
+    assert (loaded.gamma, tuple(loaded.train_freq), loaded.buffer_size) == (0.9, tuple(model.train_freq), 1_000)
+    assert loaded.learning_rate(0.5) == schedule(0.5)
+    assert_same(loaded.log_ent_coef.detach(), model.log_ent_coef.detach())
+    assert loaded.replay_buffer.size() == 0
+    loaded.learn(60)
+    assert loaded.replay_buffer.size() == 60
+    assert not th.equal(next(loaded.encoder.parameters()), next(model.encoder.parameters()))
+
+
+def test_without_an_env_it_refuses_to_learn_later_on(tmp_path):
+    loaded = again(made(BrunoSAC, make_point()), tmp_path / "point.agent")
+    loaded.set_env(DummyVecEnv([make_point]))
+    with pytest.raises(ValueError, match="replay buffer"):
+        loaded.learn(60)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"use_sde": True},
+        {"encoder_tau": 0.01},
+        {"critic_input": "both"},
+        {"policy_kwargs": {"net_arch": {"pi": [8], "qf": [16, 8]}, "activation_fn": nn.Tanh}},
+        {"policy_kwargs": {"optimizer_class": th.optim.AdamW, "optimizer_kwargs": {"weight_decay": 1e-3}}},
+        {"encoder_kwargs": {"flow_class": "paper_maf", "flow_kwargs": None, "process": "gaussian", "extra_dims": 1}},
+        {"encoder_kwargs": {"process": "kernel_student_t"}},
+    ],
+    ids=lambda options: "-".join(options),
+)
+def test_every_option_comes_back(options, tmp_path):
+    env = DummyVecEnv([make_point])
+    model = made(BrunoSAC, env, **options)
+    loaded = again(model, tmp_path / "point.agent")
+    assert_same(steps_of(loaded, env), steps_of(model, env))
+    assert loaded.policy.optimizer_class is model.policy.optimizer_class
+    assert loaded.policy.encoder_kwargs == model.policy.encoder_kwargs
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        NormalActionNoise(np.zeros(2), np.full(2, 0.1)),
+        VectorizedActionNoise(OrnsteinUhlenbeckActionNoise(np.zeros(2), np.full(2, 0.1)), 1),
+    ],
+)
+def test_action_noise_comes_back(noise, tmp_path):
+    loaded = again(made(BrunoTD3, make_point(), action_noise=noise), tmp_path / "point.agent")
+    assert repr(loaded.action_noise) == repr(getattr(noise, "base_noise", noise))
+
+
+class Mine(RecurrentEncoder):
+    """An encoder that only its author knows."""
+
+
+@pytest.fixture
+def forgets_what_is_registered(monkeypatch):
+    monkeypatch.setattr(classes, "_REGISTERED", {kind: dict(known) for kind, known in classes._REGISTERED.items()})
+
+
+@pytest.mark.usefixtures("forgets_what_is_registered")
+def test_a_class_of_ones_own_is_saved_once_it_is_registered(tmp_path):
+    class MyPolicy(TaskSACPolicy):
+        pass
+
+    class MySAC(BrunoSAC):
+        def __init__(self, *args, **kwargs):
+            super().__init__(*args, **kwargs)
+
+    class MyActivation(nn.Tanh):
+        pass
+
+    def make(policy):
+        given = {"net_arch": [8], "activation_fn": MyActivation}
+        return MySAC(policy, POINT, encoder_class=Mine, device="cpu", buffer_size=100, policy_kwargs=given)
+
+    model, path = make(MyPolicy), tmp_path / "mine.agent"
+    for named in (MySAC, MyPolicy, Mine, MyActivation):
+        with pytest.raises(ValueError, match=rf"{named.__name__}, which .* register it by"):
+            save_agent(model, path)
+        assert register_agent_class(named) is named
+    loaded = again(model, path)
+    assert (type(loaded), type(loaded.policy), type(loaded.encoder)) == (MySAC, MyPolicy, Mine)
+    classes._REGISTERED["encoder"].clear()
+    with pytest.raises(ValueError, match=r"'Mine', which is no encoder that agent files know.*register"):
+        load_agent(path)
+
+
+@pytest.mark.usefixtures("forgets_what_is_registered")
+def test_a_key_is_a_name_and_stands_for_one_class():
+    with pytest.raises(ValueError, match=r"stands for .* already"):
+        register_agent_class(Mine, "recurrent")
+    with pytest.raises(ValueError, match="is no name"):
+        register_agent_class(Mine, "os.system")
+    with pytest.raises(TypeError, match="neither a class"):
+        register_agent_class("Mine")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"learning_rate": lambda progress: 1e-3 * progress}, "`learning_rate` is <lambda>.* a function is not data"),
+        ({"encoder_learning_rate": lambda progress: 1e-3}, "`encoder_learning_rate` is <lambda>"),
+        ({"policy_kwargs": {"activation_fn": lambda: nn.ReLU()}}, r"`policy_kwargs.activation_fn` is <lambda>"),
+    ],
+)
+def test_what_is_no_plain_data_is_refused_by_name(options, message, tmp_path):
+    with pytest.raises(ValueError, match=message):
+        save_agent(made(BrunoSAC, make_point(), **options), tmp_path / "point.agent")
+    assert not list(tmp_path.iterdir())
+
+
+def test_weights_that_are_not_finite_are_not_saved(tmp_path):
+    model = made(PearlSAC, make_point())
+    with th.no_grad():
+        next(model.policy.actor.parameters()).fill_(float("nan"))
+    with pytest.raises(ValueError, match=r"the tensor policy\.actor.* not finite"):
+        save_agent(model, tmp_path / "point.agent")
+
+
+def test_what_is_no_agent_or_no_path_is_refused(tmp_path):
+    with pytest.raises(TypeError, match="no agent that infers a task"):
+        save_agent(nn.Linear(1, 1), tmp_path / "point.agent")
+    with pytest.raises(ValueError, match="cannot be written"):
+        save_agent(made(PearlSAC, make_point()), tmp_path)
+
+
+def test_the_same_agent_makes_the_same_bytes(tmp_path):
+    model = made(PearlSAC, make_point())
+    loaded = again(model, tmp_path / "first.agent")
+    save_agent(loaded, tmp_path / "second.agent")
+    assert (tmp_path / "second.agent").read_bytes() == (tmp_path / "first.agent").read_bytes()
+
+
+def test_loading_draws_nothing_from_torch(tmp_path):
+    save_agent(made(PearlSAC, make_point()), tmp_path / "point.agent")
+    th.manual_seed(1)
+    expected = th.rand(3)
+    th.manual_seed(1)
+    load_agent(tmp_path / "point.agent")
+    assert_same(th.rand(3), expected)
+
+
+@pytest.mark.parametrize(
+    ("env", "message"),
+    [
+        (lambda: make_pendulum(), "spaces do not match"),
+        (lambda: normalized(make_point), "brings the agent's own"),
+    ],
+)
+def test_an_env_that_is_not_that_of_the_training_is_refused(env, message, tmp_path):
+    save_agent(made(PearlSAC, make_point()), tmp_path / "point.agent")
+    with pytest.raises(ValueError, match=message):
+        load_agent(tmp_path / "point.agent", env())
+
+
+@pytest.mark.parametrize(
+    "space",
+    [
+        spaces.Box(-np.inf, np.inf, (3,)),
+        spaces.Box(np.array([-1.0, 0.1], np.float32), np.array([np.inf, 0.3], np.float32)),
+        spaces.Box(0, 255, (2, 3), np.uint8),
+        spaces.Box(-1.0, 1.0, ()),
+        spaces.Box(-1.0, 1.0, (0,), np.float64),
+        spaces.Dict({"b": spaces.Box(0.0, 1.0, (1,)), "a": spaces.Box(-2.0, np.inf, (2,))}),
+    ],
+    ids=str,
+)
+def test_spaces_come_back(space):
+    assert read_space(write_space(space, "space")) == space
+
+
+def test_a_space_of_another_kind_is_refused_by_name():
+    with pytest.raises(ValueError, match=r"`space\['a'\]` is Discrete"):
+        write_space(spaces.Dict({"a": spaces.Discrete(3)}), "space")
+
+
+@pytest.mark.parametrize(
+    "value",
+    [None, True, 3, 0.1, float("inf"), "text", [1, (2, [3.5])], {"a": {"b": (None,)}}, nn.ReLU, find_encoder("bruno")],
+    ids=str,
+)
+def test_settings_come_back(value):
+    assert from_plain(to_plain(value, "value")) == value
+
+
+def test_numbers_of_numpy_come_back():
+    found = from_plain(to_plain({"count": np.int64(3), "array": np.eye(2, dtype=np.float32)}, "value"))
+    assert found["count"] == 3
+    assert found["array"].dtype == np.float32
+    assert_same(found["array"], np.eye(2, dtype=np.float32))
+
+
+@pytest.mark.parametrize(
+    ("value", "message"), [({1: 2}, "has the key 1"), ({"$a": 2}, "has the key"), ({"a": {2}}, r"`value\.a` is a set")]
+)
+def test_settings_that_json_cannot_hold_are_refused_by_name(value, message):
+    with pytest.raises(ValueError, match=message):
+        to_plain(value, "value")
+
+
+def test_a_file_of_a_newer_format_asks_for_an_update():
+    with pytest.raises(ValueError, match=r"version 2 of the format.*update"):
+        _Written.read({"format": "sb3_bruno agent", "version": 2})

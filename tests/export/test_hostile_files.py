@@ -1,0 +1,386 @@
+"""No file makes ``load_agent`` run code, hang, take much memory, or end in anything but a ValueError that names it."""
+
+import copy
+import hashlib
+import io
+import json
+import math
+import os
+import pickle
+import resource
+import stat
+import struct
+import zipfile
+
+import pytest
+import safetensors.torch
+import torch as th
+
+from sb3_bruno import PearlSAC
+from sb3_bruno.export import load_agent, save_agent
+from sb3_bruno.export.archive import AGENT, SUMS, TENSORS
+from support.tiny_models import make_point, normalized, tiny
+
+MANY = 10**12
+MOST_MEMORY = 100 * 2**20  # bytes
+HAS_RUN = "has_run"
+
+
+class Bomb:
+    """Pickled, it makes a folder when it is loaded."""
+
+    def __reduce__(self):
+        return os.mkdir, (HAS_RUN,)
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    """The bytes of a good file."""
+    path = tmp_path_factory.mktemp("good") / "point.agent"
+    save_agent(PearlSAC("MlpPolicy", normalized(make_point), **tiny(PearlSAC)), path)
+    return path.read_bytes()
+
+
+def members_of(good):
+    with zipfile.ZipFile(io.BytesIO(good)) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def summed(members):
+    """The members with the right checksums."""
+    lines = [f"{hashlib.sha256(members[name]).hexdigest()}  {name}\n" for name in (AGENT, TENSORS) if name in members]
+    return {**members, SUMS: "".join(lines).encode()}
+
+
+def zipped(members, compression=zipfile.ZIP_STORED):
+    """A zip file of members, which are bytes by name, or pairs of ZipInfo and bytes."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", compression) as archive:
+        for member, data in members.items() if isinstance(members, dict) else members:
+            archive.writestr(member, data)
+    return file.getvalue()
+
+
+def with_json(good, change):
+    """A file whose JSON was changed, with the right checksums. ``change`` edits it in place, or returns its text."""
+    members = members_of(good)
+    plain = json.loads(members[AGENT])
+    changed = change(plain)
+    text = changed if isinstance(changed, str | bytes) else json.dumps(plain)
+    return zipped(summed({**members, AGENT: text if isinstance(text, bytes) else text.encode()}))
+
+
+def with_tensors(good, change):
+    """A file whose tensors were changed, with the right checksums. ``change`` edits them, or returns bytes."""
+    members = members_of(good)
+    tensors = safetensors.torch.load(members[TENSORS])
+    changed = change(tensors)
+    data = changed if isinstance(changed, bytes) else safetensors.torch.save(tensors)
+    return zipped(summed({**members, TENSORS: data}))
+
+
+def put(*path, value):
+    """A change that puts a value deep into JSON."""
+
+    def change(plain):
+        for key in path[:-1]:
+            plain = plain[key]
+        plain[path[-1]] = value
+
+    return change
+
+
+def drop(*path):
+    def change(plain):
+        for key in path[:-1]:
+            plain = plain[key]
+        del plain[path[-1]]
+
+    return change
+
+
+def header(entries, data=b""):
+    """A file of safetensors with any header."""
+    text = json.dumps(entries).encode() if not isinstance(entries, bytes) else entries
+    return struct.pack("<Q", len(text)) + text + data
+
+
+def fill(name, number):
+    def change(tensors):
+        tensors[name].fill_(number)
+
+    return change
+
+
+def first_weight(tensors):
+    return next(name for name, tensor in tensors.items() if name.startswith("policy.actor") and tensor.ndim == 2)
+
+
+def replace_first(make):
+    def change(tensors):
+        name = first_weight(tensors)
+        tensors[name] = make(tensors[name])
+
+    return change
+
+
+def info(name, mode=stat.S_IFREG | 0o644, **attributes):
+    member = zipfile.ZipInfo(name)
+    member.external_attr = mode << 16
+    for attribute, value in attributes.items():
+        setattr(member, attribute, value)
+    return member
+
+
+def renamed(good, old, new):
+    members = members_of(good)
+    return zipped({new if name == old else name: data for name, data in members.items()})
+
+
+def with_info(good, name, member):
+    """A file in which one member is written with a ZipInfo of its own."""
+    return zipped([(member if known == name else known, data) for known, data in members_of(good).items()])
+
+
+def patched(good, offset_from_table, value):
+    """A file with other bytes at a place in the first entry of its table of contents."""
+    at = good.index(b"PK\x01\x02") + offset_from_table
+    return good[:at] + value + good[at + len(value) :]
+
+
+def with_zip64(good):
+    """A file whose table of contents is told by a record of zip64 before its end."""
+    end = len(good) - 22
+    count, length, start = struct.unpack("<HLL", good[end + 10 : end + 20])
+    record = struct.pack("<4sQ2H2L4Q", b"PK\x06\x06", 44, 45, 45, 0, 0, count, count, length, start)
+    return good[:end] + record + struct.pack("<4sLQL", b"PK\x06\x07", 0, end, 1) + good[end:]
+
+
+SPACES = ("observation_space", "spaces", "observation")
+NESTED = "[" * 100_000 + "]" * 100_000
+ARCHIVES = {
+    "empty": lambda good: b"",
+    "text": lambda good: b"this is no agent",
+    "pickle": lambda good: pickle.dumps(Bomb()),
+    "pickle of torch": lambda good: _saved_by_torch(),
+    "cut in half": lambda good: good[: len(good) // 2],
+    "without its last byte": lambda good: good[:-1],
+    "with something behind": lambda good: good + b"PK",
+    "with something before": lambda good: b"#!/bin/sh\n" + good,
+    "one bit flipped": lambda good: good[:300] + bytes([good[300] ^ 1]) + good[301:],
+    "a bit of a tensor flipped": lambda good: good[:-500] + bytes([good[-500] ^ 1]) + good[-499:],
+    "a huge comment": lambda good: good[:-2] + struct.pack("<H", 65_535) + b"x" * 65_535,
+    "told by zip64": with_zip64,
+    "no members": lambda good: zipped({}),
+    "a member missing": lambda good: zipped({name: data for name, data in members_of(good).items() if name != SUMS}),
+    "a further member": lambda good: zipped({**members_of(good), "more.txt": b"more"}),
+    "many members": lambda good: zipped({**members_of(good), **{f"{number}": b"" for number in range(10_000)}}),
+    "a pickle beside": lambda good: zipped({**members_of(good), "data.pkl": pickle.dumps(Bomb())}),
+    "a member twice": lambda good: zipped([*members_of(good).items(), (AGENT, b"{}")]),
+    "a member twice in place of another": lambda good: zipped(
+        [(AGENT, members_of(good)[AGENT]), (AGENT, b"{}"), (SUMS, members_of(good)[SUMS])]
+    ),
+    "a path upwards": lambda good: renamed(good, AGENT, "../agent.json"),
+    "an absolute path": lambda good: renamed(good, AGENT, "/tmp/agent.json"),
+    "a path of Windows": lambda good: renamed(good, AGENT, "..\\agent.json"),
+    "a name with a null": lambda good: good.replace(AGENT.encode(), b"agent.jso\0"),
+    "a folder as a member": lambda good: renamed(good, AGENT, "agent.json/"),
+    "a symbolic link": lambda good: with_info(good, AGENT, info(AGENT, stat.S_IFLNK | 0o777)),
+    "a device": lambda good: with_info(good, AGENT, info(AGENT, stat.S_IFCHR | 0o777)),
+    "encrypted": lambda good: patched(good, 8, b"\x01\x00"),
+    "a member with a comment": lambda good: with_info(good, AGENT, info(AGENT, comment=b"x" * 100)),
+    "a member with more": lambda good: with_info(good, AGENT, info(AGENT, extra=struct.pack("<2H", 0xCAFE, 0))),
+    "compressed": lambda good: zipped(members_of(good), zipfile.ZIP_DEFLATED),
+    "a bomb": lambda good: _bomb(good),
+    "a size that is not there": lambda good: patched(good, 20, struct.pack("<2L", 2**31, 2**31)),
+    "two sizes that differ": lambda good: patched(good, 24, struct.pack("<L", 2**31)),
+    "a place that is not there": lambda good: patched(good, 42, struct.pack("<L", 2**31)),
+    "wrong checksums": lambda good: zipped({**members_of(good), SUMS: members_of(good)[SUMS].replace(b"a", b"b")}),
+    "no checksums": lambda good: zipped({**members_of(good), SUMS: b""}),
+    "another's tensors": lambda good: zipped({**members_of(good), TENSORS: header({})}),
+}
+JSONS = {
+    "empty": lambda plain: "",
+    "no UTF-8": lambda plain: b"\xff\xfe",
+    "a list": lambda plain: "[]",
+    "a number": lambda plain: "1",
+    "deeply nested": lambda plain: NESTED,
+    "deep arguments": lambda plain: json.dumps(plain).replace('"gamma": 0.99', f'"gamma": {NESTED[50_000:-50_000]}'),
+    "NaN": put("arguments", "gamma", value=math.nan),
+    "infinity": put("arguments", "gamma", value=math.inf),
+    "too large a float": lambda plain: json.dumps(plain).replace('"gamma": 0.99', '"gamma": 1e999'),
+    "too many digits": lambda plain: json.dumps(plain).replace('"gamma": 0.99', f'"gamma": {"9" * 100_000}'),
+    "a key twice": lambda plain: json.dumps(plain)[:-1] + ', "version": 1}',
+    "a newer version": put("version", value=2),
+    "a version that is text": put("version", value="1"),
+    "a version that is true": put("version", value=True),
+    "a version of 0": put("version", value=0),
+    "no version": drop("version"),
+    "another format": put("format", value="sb3"),
+    "a key too few": drop("task_space"),
+    "a key too many": put("command", value="rm"),
+    "an unknown algorithm": put("algorithm", value="OwnSAC"),
+    "an algorithm by its module": put("algorithm", value="sb3_bruno.algorithms.sac.PearlSAC"),
+    "an algorithm of the system": put("algorithm", value="os.system"),
+    "an algorithm that is no text": put("algorithm", value=["PearlSAC"]),
+    "an algorithm of another kind": put("algorithm", value="BrunoTD3"),
+    "a policy that is no text": put("policy", value={}),
+    "a policy of another kind": put("policy", value="TaskTD3Policy"),
+    "an encoder by its module": put("arguments", "encoder_class", value={"$encoder": "os.path"}),
+    "an encoder of another kind": put("arguments", "encoder_class", value={"$encoder": "bruno"}),
+    "an encoder that is none": put("arguments", "encoder_class", value={"$module": "ReLU"}),
+    "an encoder that is text of a module": put("arguments", "encoder_class", value="os.system"),
+    "an unknown tag": put("arguments", "gamma", value={"$import": "os"}),
+    "a tag of an algorithm": put("arguments", "gamma", value={"$algorithm": "PearlSAC"}),
+    "two tags": put("arguments", "gamma", value={"$float": "inf", "$tuple": []}),
+    "a tag with a list": put("arguments", "gamma", value={"$module": ["ReLU"]}),
+    "an object that is unknown": put("arguments", "gamma", value={"$object": "Popen", "args": "ls"}),
+    "an object with other parts": put("arguments", "learning_rate", value={"$object": "ConstantSchedule", "x": 1}),
+    "a schedule of text": put("arguments", "learning_rate", value={"$object": "ConstantSchedule", "val": "fast"}),
+    "a huge array": put("arguments", "gamma", value={"$array": [0], "dtype": "float64", "shape": [MANY]}),
+    "an array of objects": put("arguments", "gamma", value={"$array": [0], "dtype": "object", "shape": [1]}),
+    "arguments that are a list": put("arguments", value=[]),
+    "an unknown argument": put("arguments", "env", value="PointDir-v0"),
+    "a folder to log in": put("arguments", "tensorboard_log", value="/tmp"),
+    "a seed among the arguments": put("arguments", "seed", value=0),
+    "no encoder_kwargs": drop("arguments", "encoder_kwargs"),
+    "no buffer_size": drop("arguments", "buffer_size"),
+    "a buffer_size that is true": put("arguments", "buffer_size", value=True),
+    "text in place of a number": put("arguments", "gamma", value="0.99"),
+    "true in place of a whole number": put("arguments", "batch_size", value=True),
+    "a negative size of a layer": put("arguments", "policy_kwargs", "net_arch", value=[-16]),
+    "text as a size": put("arguments", "encoder_kwargs", "net_arch", value=["16"]),
+    "true as a size": put("arguments", "encoder_kwargs", "net_arch", value=[True]),
+    "another layer": put("arguments", "policy_kwargs", "net_arch", value=[16, 16]),
+    "a huge layer": put("arguments", "policy_kwargs", "net_arch", value=[MANY]),
+    "two large layers": put("arguments", "policy_kwargs", "net_arch", value=[900_000, 900_000]),
+    "large layers of an encoder": put("arguments", "encoder_kwargs", "net_arch", value=[900_000, 900_000]),
+    "very many layers": put("arguments", "policy_kwargs", "net_arch", value=[1] * 100_000),
+    "very many critics": put("arguments", "policy_kwargs", "n_critics", value=1_000_000),
+    "a large latent": put("arguments", "encoder_kwargs", "latent_dim", value=1_000_000),
+    "an unknown argument of the policy": put("arguments", "policy_kwargs", "command", value="rm"),
+    "a large threshold as text": put("arguments", "policy_kwargs", "forget_threshold", value="5"),
+    "insane dimensions": put(*SPACES, "shape", value=[MANY]),
+    "large dimensions": put(*SPACES, "shape", value=[100_000]),
+    "very many dimensions": put(*SPACES, "shape", value=[1] * 100_000),
+    "no numbers, but huge": put(*SPACES, "shape", value=[0, MANY]),
+    "negative dimensions": put(*SPACES, "shape", value=[-2]),
+    "dimensions that are text": put(*SPACES, "shape", value=["2"]),
+    "dimensions that are true": put("task_space", "shape", value=[True, True]),
+    "dimensions that are no list": put(*SPACES, "shape", value=2),
+    "bounds of another shape": put(*SPACES, "low", value=[0.0, 0.0, 0.0]),
+    "bounds that are text": put(*SPACES, "low", value="low"),
+    "bounds that are true": put(*SPACES, "low", value=True),
+    "bounds upside down": put("action_space", "low", value=3.0),
+    "endless actions": put("action_space", "high", value={"$float": "inf"}),
+    "a space of objects": put(*SPACES, "dtype", value="object"),
+    "a space of another kind": put("action_space", value={"kind": "Discrete", "n": 2}),
+    "a space that is a number": put("task_space", value=3),
+    "an observation that is no Dict": lambda plain: put("observation_space", value=plain["action_space"])(plain),
+    "a Dict in a Dict": lambda plain: put(*SPACES, value=copy.deepcopy(plain["observation_space"]))(plain),
+    "a key of the observation missing": drop("observation_space", "spaces", "reward"),
+    "negative env steps": put("num_timesteps", value=-1),
+    "env steps that are text": put("num_timesteps", value="1"),
+    "a seed that is text": put("seed", value="1"),
+    "no normalisation": put("normalization", value=None),
+    "half a normalisation": drop("normalization", "epsilon"),
+    "an epsilon of 0": put("normalization", "epsilon", value=0.0),
+    "an epsilon that is text": put("normalization", "epsilon", value="small"),
+    "a flag that is 1": put("normalization", "norm_obs", value=1),
+    "keys that are not there": put("normalization", "norm_obs_keys", value=["image"]),
+    "counts below 0": put("normalization", "counts", "returns", value=-1.0),
+}
+TENSOR_FILES = {
+    "a pickle": lambda tensors: pickle.dumps(Bomb()),
+    "a pickle of torch": lambda tensors: _saved_by_torch(),
+    "empty": lambda tensors: b"",
+    "a header that is too long": lambda tensors: struct.pack("<Q", 2**63) + b"{}",
+    "a header that is longer than the file": lambda tensors: struct.pack("<Q", MOST_MEMORY) + b"{}",
+    "a header that is no JSON": lambda tensors: header(b"{" * 100),
+    "a header deeply nested": lambda tensors: header(NESTED.encode()),
+    "a huge shape": lambda tensors: header({"a": {"dtype": "F32", "shape": [MANY], "data_offsets": [0, 4 * MANY]}}),
+    "a shape that overflows": lambda tensors: header(
+        {"a": {"dtype": "F32", "shape": [2**62, 4], "data_offsets": [0, 0]}}
+    ),
+    "a shape that is negative": lambda tensors: header({"a": {"dtype": "F32", "shape": [-1], "data_offsets": [0, 0]}}),
+    "offsets upside down": lambda tensors: header(
+        {"a": {"dtype": "F32", "shape": [1], "data_offsets": [4, 0]}}, b"0000"
+    ),
+    "data that nobody names": lambda tensors: safetensors.torch.save(tensors) + b"more",
+    "an unknown type": lambda tensors: header({"a": {"dtype": "O", "shape": [1], "data_offsets": [0, 4]}}, b"0000"),
+    "NaN": lambda tensors: fill(first_weight(tensors), math.nan)(tensors),
+    "infinity": lambda tensors: fill(first_weight(tensors), -math.inf)(tensors),
+    "NaN in the normalisation": fill("normalization.observations.reward.mean", math.nan),
+    "a negative variance": fill("normalization.observations.reward.var", -1.0),
+    "a mean of another shape": lambda tensors: tensors.update(
+        {"normalization.returns.mean": th.zeros(3, dtype=th.float64)}
+    ),
+    "no mean": lambda tensors: tensors.pop("normalization.returns.mean"),
+    "a tensor missing": lambda tensors: tensors.pop(first_weight(tensors)),
+    "a further tensor": lambda tensors: tensors.update({"policy.more": th.zeros(1)}),
+    "no tensors": lambda tensors: tensors.clear(),
+    "another name": lambda tensors: tensors.update({"../policy": tensors.pop(first_weight(tensors))}),
+    "another type": replace_first(lambda tensor: tensor.double()),
+    "whole numbers": replace_first(lambda tensor: tensor.long()),
+    "another shape": replace_first(lambda tensor: tensor.T.contiguous()),
+    "one number for all": replace_first(lambda tensor: tensor.flatten()[0].clone()),
+    "one layer more": replace_first(lambda tensor: th.cat([tensor, tensor])),
+}
+FILES = {
+    **{f"archive: {name}": make for name, make in ARCHIVES.items()},
+    **{f"json: {name}": lambda good, change=change: with_json(good, change) for name, change in JSONS.items()},
+    **{
+        f"tensors: {name}": lambda good, change=change: with_tensors(good, change)
+        for name, change in TENSOR_FILES.items()
+    },
+}
+
+
+def _bomb(good):
+    """A file of a few kilobytes with a member that is larger than ``MOST_MEMORY``, written piece by piece."""
+    members = members_of(good)
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name in (AGENT, SUMS):
+            archive.writestr(name, members[name])
+        with archive.open(TENSORS, "w") as member:
+            for _ in range(120):
+                member.write(bytes(2**20))
+    return file.getvalue()
+
+
+def _saved_by_torch():
+    file = io.BytesIO()
+    th.save(Bomb(), file)
+    return file.getvalue()
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("name", FILES)
+def test_a_hostile_file_is_refused(name, good, tmp_path, monkeypatch):
+    path = tmp_path / "hostile.agent"
+    path.write_bytes(FILES[name](good))
+    monkeypatch.chdir(tmp_path)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ValueError, match=r"hostile\.agent' cannot be loaded as an agent: .+\.") as refusal:
+        load_agent(path, device="cpu")
+    assert len(str(refusal.value)) < 1_000
+    assert 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) < MOST_MEMORY
+    assert [entry.name for entry in tmp_path.iterdir()] == ["hostile.agent"]
+
+
+def test_the_good_file_loads_from_the_parts_that_the_tests_change(good, tmp_path):
+    for number, data in enumerate(
+        (good, with_json(good, lambda plain: None), with_tensors(good, lambda tensors: None))
+    ):
+        path = tmp_path / f"{number}.agent"
+        path.write_bytes(data)
+        assert load_agent(path).num_timesteps == 0
+
+
+@pytest.mark.parametrize("make", [os.mkdir, os.mkfifo, lambda path: None, lambda path: os.symlink("/dev/zero", path)])
+def test_what_is_no_file_is_refused(make, tmp_path):
+    make(tmp_path / "hostile.agent")
+    with pytest.raises(ValueError, match=r"hostile\.agent' cannot be loaded as an agent: (it is a|there is no)"):
+        load_agent(tmp_path / "hostile.agent")
