@@ -26,7 +26,7 @@ ROOMS = {  # each room, from the ground up, and the rooms that it may import
     "resume": {"algorithms", "files"},
     "export": {"", "algorithms", "buffers", "encoders", "evaluation", "files", "maths", "runs", "task_words"},
     "report": {"evaluation", "files", "plotting", "runs"},
-    "zoo": {"", "algorithms", "encoders", "evaluation", "files", "resume", "runs"},
+    "zoo": {"", "algorithms", "encoders", "evaluation", "export", "files", "resume", "runs"},
     "live": {"algorithms", "encoders", "evaluation", "plotting", "runs", "zoo"},
     "cli": {
         "",

@@ -154,6 +154,7 @@ def load_agent(options: argparse.Namespace) -> TrainedAgent:
             split=options.split,
             steps=options.steps,
             gym_packages=options.gym_packages,
+            trust=options.trust,
         )
 
 

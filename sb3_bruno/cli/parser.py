@@ -120,6 +120,14 @@ def add_agent(parser: argparse.ArgumentParser) -> None:
         "--exp-id", type=whole_number(0, also=(-1,)), default=0, help="run number, 0: the latest (default)"
     )
     parser.add_argument("--load-best", action="store_true", help="the best model instead of the last")
+    add_trust(parser)
+
+
+def add_trust(parser: argparse.ArgumentParser) -> None:
+    """Add ``--trust``, without which nothing is run that somebody else may have written."""
+    parser.add_argument(
+        "--trust", action="store_true", help="load pickles from any folder: they may run code of whoever made them"
+    )
 
 
 def add_gym_packages(parser: argparse.ArgumentParser) -> None:

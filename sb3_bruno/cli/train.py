@@ -8,9 +8,10 @@ from functools import partial
 from pathlib import Path
 
 from sb3_bruno.cli.mistake import Mistake, told_as_mistake
+from sb3_bruno.cli.parser import Parser, add_trust
 from sb3_bruno.cli.upstream import DEFAULTS, Arguments, call, choose_env, own_parser, replaced
 from sb3_bruno.cli.upstream_help import exit_with_help
-from sb3_bruno.cli.values import whole_number
+from sb3_bruno.cli.values import agent_file, whole_number
 
 CHECKPOINT_FREQ = 25_000  # env steps
 
@@ -32,6 +33,7 @@ def train(arguments: Arguments) -> None:
         metavar="N",
         help=f"env steps between checkpoints, 0: none (default: {CHECKPOINT_FREQ})",
     )
+    add_trust(parser)
     own, rest = parser.parse_known_args(arguments)
     exit_with_help(parser, rest, "train")
 
@@ -54,6 +56,7 @@ def train(arguments: Arguments) -> None:
             raise Mistake(f"--track needs {needed}, which is not installed: pip install 'sb3_bruno[wandb]'")
     chosen = choose_env(rest, {**DEFAULTS, "--num-threads": "1"})
     with told_as_mistake():
+        _check_trained_agent(chosen.rest, trust=own.trust or resume_from is not None)
         import_packages(chosen.packages)
         check_registered(chosen.env)
     has_started = threading.Event()  # until it is set, an error is a mistake in the command
@@ -62,6 +65,21 @@ def train(arguments: Arguments) -> None:
     experiment = partial(TaskExperiment, options=options)
     with flushed_denormals(), replaced(vars(rl_zoo3.train), "ExperimentManager", experiment):
         call(rl_zoo3.train.train, "train", chosen.command, has_started.is_set, parser.flags)
+
+
+def _check_trained_agent(rest: Arguments, *, trust: bool) -> None:
+    """Refuse to train on an agent from a folder that is not trusted, for its zip is a pickle.
+
+    Raises:
+        ValueError: naming the file and the flag.
+    """
+    from sb3_bruno.zoo.trust import check_pickle
+
+    parser = Parser("sb3-bruno train", add_help=False, allow_abbrev=False)
+    parser.add_argument("-i", "--trained-agent", type=agent_file, default="")
+    given, _ = parser.parse_known_args(rest)
+    if given.trained_agent:
+        check_pickle(Path(given.trained_agent), trust=trust)
 
 
 def _command_of(folder: Path) -> Arguments:

@@ -14,6 +14,8 @@ from filelock import FileLock, Timeout
 
 from sb3_bruno.files.whole import whole_file
 
+AGENT_FILE, SB3_FILE = ".agent", ".zip"
+"""The ends of the names of an agent's files: the safe one, and that of Stable-Baselines3, which is a pickle."""
 UNFINISHED = "unfinished.txt"
 _LOCK = ".lock"  # stays there: only whoever holds it trains, and the system lets go of it when a process dies
 
@@ -67,6 +69,11 @@ class RunFolder:
             self._lock.release()
 
 
+def has_agent(run: Path, env: str) -> bool:
+    """Tell whether a run's folder holds an agent, in whichever of its files."""
+    return any((run / f"{env}{end}").is_file() for end in (AGENT_FILE, SB3_FILE))
+
+
 def is_unfinished(run: Path) -> bool:
     """Tell whether a run was interrupted, or is still going on. Runs of older versions have no mark."""
     return (run / UNFINISHED).exists()
@@ -82,7 +89,8 @@ def latest_finished(runs: Path, env: str) -> int:
     Raises:
         ValueError: if all runs are unfinished.
     """
-    numbers = [path.name.removeprefix(f"{env}_") for path in runs.glob("*") if (path / f"{env}.zip").is_file()]
+    with_agent = (path for path in runs.glob("*") if has_agent(path, env))
+    numbers = [path.name.removeprefix(f"{env}_") for path in with_agent]
     passed_over = None
     for number in sorted((int(number) for number in numbers if number.isdecimal()), reverse=True):
         run = runs / f"{env}_{number}"

@@ -23,7 +23,7 @@ from sb3_bruno.zoo.configs import DEFAULT, config_file, find_config, merged, rea
 from sb3_bruno.zoo.environments import EnvFacts, ask, in_turn
 from sb3_bruno.zoo.fit import check_env, check_hyperparameters
 from sb3_bruno.zoo.held_out import FRESH, HeldOut, hold_out
-from sb3_bruno.zoo.kept_run import OF_BEST, STATISTICS, BestStatistics, KeptRun, RunOptions
+from sb3_bruno.zoo.kept_run import BestBeside, KeptRun, RunOptions
 from sb3_bruno.zoo.merging import Merging
 from sb3_bruno.zoo.one_line import in_one_line
 from sb3_bruno.zoo.registry import sampler_of
@@ -164,7 +164,7 @@ class TaskExperiment(KeptRun):
             kind = TaskEvalCallback if self._facts.names_task else ResumableEvalCallback
             self.callbacks[-1] = kind(
                 stock.eval_env,
-                callback_on_new_best=BestStatistics(Path(self.save_path, OF_BEST, STATISTICS)),
+                callback_on_new_best=BestBeside(Path(self.save_path)),
                 best_model_save_path=self.save_path,
                 n_eval_episodes=self._whole_cycles(max(len(self._facts.test_tasks), 1)),
                 log_path=self.save_path,

@@ -19,14 +19,11 @@ from sb3_bruno.evaluation.resumable_eval import ResumableEvalCallback
 from sb3_bruno.files.whole import whole_file, whole_files
 from sb3_bruno.resume.checkpoint import resume
 from sb3_bruno.resume.interrupt import InterruptibleResumeCallback, deaf_children
-from sb3_bruno.runs.folder import RunFolder
+from sb3_bruno.runs.folder import AGENT_FILE, SB3_FILE, RunFolder
 from sb3_bruno.runs.origin import save_origin
+from sb3_bruno.zoo.stored_agent import OF_BEST, STATISTICS, write_beside
 
 CHECKPOINT = "checkpoint.pkl"
-OF_BEST = "best_model"
-"""The folder in a run's with the statistics of VecNormalize that ``best_model.zip`` was judged with."""
-STATISTICS = "vecnormalize.pkl"
-"""Where rl_zoo3 looks for VecNormalize's statistics in a folder."""
 
 
 class RunOptions(NamedTuple):
@@ -171,9 +168,11 @@ class KeptRun(ExperimentManager):
             self._folder.release()
 
     def _save_agent(self, model: BaseAlgorithm) -> None:
-        """Save what rl_zoo3 saves, as whole files."""
+        """Save what rl_zoo3 saves, and the agent file, as whole files."""
+        path = Path(self.save_path, f"{self.env_name}{AGENT_FILE}")
         with whole_files(self.save_path, "model") as part:
-            model.save(part / f"{self.env_name}.zip")
+            model.save(part / f"{self.env_name}{SB3_FILE}")
+            write_beside(model, part / path.name, path)
             if self.save_replay_buffer and isinstance(model, OffPolicyAlgorithm):
                 model.save_replay_buffer(part / "replay_buffer.pkl")
         statistics = model.get_vec_normalize_env()
@@ -182,21 +181,23 @@ class KeptRun(ExperimentManager):
                 statistics.save(str(file))
 
 
-class BestStatistics(BaseCallback):
-    """Saves VecNormalize's statistics beside the best model, for those at the end of the training are others.
+class BestBeside(BaseCallback):
+    """Saves the agent file of the best model beside it, and VecNormalize's statistics, which will be others at the end.
 
     Args:
-        path: the file; a kill leaves the last ones whole.
+        run: the run's folder; a kill leaves the last files whole.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, run: Path) -> None:
         super().__init__()
-        self.path = path
+        self.run = run
 
     def _on_step(self) -> bool:
+        path = self.run / f"{OF_BEST}{AGENT_FILE}"
+        write_beside(self.model, path, path)
         statistics = self.model.get_vec_normalize_env()
         if statistics is not None:
-            with whole_file(self.path) as file:
+            with whole_file(self.run / OF_BEST / STATISTICS) as file:
                 statistics.save(str(file))
         return True
 

@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-import rl_zoo3
 from huggingface_sb3 import EnvironmentName
 from numpy.typing import NDArray
-from rl_zoo3.utils import get_latest_run_id, get_model_path, get_wrapper_class
+from rl_zoo3.utils import get_latest_run_id, get_wrapper_class
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.runs.clock import TrainingClock
-from sb3_bruno.runs.folder import is_unfinished, latest_finished
+from sb3_bruno.runs.folder import has_agent, is_unfinished, latest_finished
 from sb3_bruno.runs.origin import trained_at
 from sb3_bruno.zoo.environments import make_env, takes, tasks_of
-from sb3_bruno.zoo.kept_run import OF_BEST, STATISTICS
-from sb3_bruno.zoo.one_line import in_one_line
 from sb3_bruno.zoo.registry import check_algorithm, check_registered, import_packages
 from sb3_bruno.zoo.saved_run import SavedRun
-
-MakeEnv = Callable[..., gym.Env[Any, Any]]
+from sb3_bruno.zoo.stored_agent import MakeEnv, StoredAgent
+from sb3_bruno.zoo.trust import check_settings, is_trusted
 
 
 class TestTasks(NamedTuple):
@@ -75,6 +72,7 @@ def load_trained(
     steps: int | None = None,
     gym_packages: Sequence[str] = (),
     needs_tasks: bool = True,
+    trust: bool = False,
 ) -> TrainedAgent:
     """Load the agent of a run, and what it is to be tested on.
 
@@ -88,11 +86,12 @@ def load_trained(
         steps: length of a test episode; None for the environment's own.
         gym_packages: packages to import, besides those that the run remembers.
         needs_tasks: whether the environment must have a list of tasks; False for who tests nothing.
+        trust: load pickles, and what the run's settings name, from any folder.
 
     Raises:
         ValueError: if no agent can be loaded, or not with the statistics that it was trained with; if all runs are
-            unfinished and ``exp_id`` chooses none; if its environment has no list of tasks, and ``needs_tasks``; or if
-            ``steps`` would cut a trial.
+            unfinished and ``exp_id`` chooses none; if its environment has no list of tasks, and ``needs_tasks``; if
+            ``steps`` would cut a trial; or if what would be run is not trusted.
     """
     package, _, env = env.rpartition(":")
     packages = [*gym_packages, *([package] if package else [])]
@@ -100,15 +99,17 @@ def load_trained(
     env_name = EnvironmentName(env)
     exp_id = exp_id or latest_finished(Path(logs) / algo, env_name)
     try:
-        _, model_path, folder = get_model_path(exp_id, str(logs), algo, env_name, load_best)
+        stored = StoredAgent.find(algo, env_name, logs, exp_id, load_best=load_best)
     except (AssertionError, ValueError) as error:
         import_packages(packages)
         check_registered(env)  # a wrong name is the likely reason
         raise ValueError(f"{error}: train there, or give another -f, --algo, --env or --exp-id") from error
-    run, params = Path(folder), Path(folder) / env_name
+    run = stored.run
     if is_unfinished(run):
         warnings.warn(f"{run} is unfinished: this is the agent as it was when it was last saved.", stacklevel=2)
-    saved = SavedRun.load(params)
+    saved = SavedRun.load(stored.params)
+    if not trust and not is_trusted(run):
+        check_settings(saved, stored.params, packages)
     import_packages([*packages, *saved.gym_packages])
     check_registered(env)
     env_kwargs = saved.env_kwargs
@@ -124,7 +125,7 @@ def load_trained(
     test = _test_tasks(make_test_env, env, split, is_needed=needs_tasks)
     if steps is not None and test.n_inner > 1:
         raise ValueError(f"--steps {steps}: a trial is as long as its {test.n_inner} episodes, so leave it out")
-    model = _load(algo, model_path)
+    model = stored.load(algo, trust=trust)
     clock = TrainingClock.of_run(run)
     config = {
         "algo": algo,
@@ -138,12 +139,13 @@ def load_trained(
         "inside_train_box": test.inside.tolist(),
         "n_inner_episodes": test.n_inner,
     }
-    kept = statistics_of(run, params, load_best=load_best)
-    statistics = _vec_normalize(kept, make_test_env, is_needed=bool(saved.hyperparams["normalize"]))
-    return TrainedAgent(model, make_test_env, test, statistics, run, config)
+    normalization = stored.vec_normalize(model, make_test_env, is_needed=bool(saved.hyperparams["normalize"]))
+    return TrainedAgent(model, make_test_env, test, normalization, run, config)
 
 
-def packages_of_run(algo: str, env: str, logs: str | Path, exp_id: int = 0) -> list[str] | None:
+def packages_of_run(
+    algo: str, env: str, logs: str | Path, exp_id: int = 0, given: Sequence[str] = (), *, trust: bool = False
+) -> list[str] | None:
     """Return the packages that a run's training imported; None if there is no such run.
 
     rl_zoo3 takes a run whose settings are missing for one of an environment without arguments, wrappers and
@@ -154,15 +156,21 @@ def packages_of_run(algo: str, env: str, logs: str | Path, exp_id: int = 0) -> l
         env: id of the environment.
         logs: the log folder.
         exp_id: the run's number, 0 for the latest, -1 for the agent in the log folder itself.
+        given: the packages that the user has named.
+        trust: take what the run's settings name from any folder.
 
     Raises:
-        ValueError: if the run's settings are missing or cannot be read.
+        ValueError: if the run's settings are missing, cannot be read, or name what is not trusted.
     """
     name, folder = EnvironmentName(env), Path(logs, algo)
     number = exp_id or get_latest_run_id(str(folder), name)
     run = folder / f"{name}_{number}" if number > 0 else folder
-    exists = (run / name).is_dir() or (run / f"{name}.zip").is_file()
-    return SavedRun.load(run / name).gym_packages if exists else None
+    if not (run / name).is_dir() and not has_agent(run, name):
+        return None
+    saved = SavedRun.load(run / name)
+    if not trust and not is_trusted(run):
+        check_settings(saved, run / name, given)
+    return saved.gym_packages
 
 
 def _test_tasks(make_env: MakeEnv, env_id: str, split: str, *, is_needed: bool) -> TestTasks:
@@ -184,51 +192,3 @@ def _test_tasks(make_env: MakeEnv, env_id: str, split: str, *, is_needed: bool) 
         return TestTasks(tasks, tasks_of(env, "train"), inside, n_inner)
     finally:
         env.close()
-
-
-def _load(algo: str, path: str) -> BaseAlgorithm:
-    """Load a model on the CPU.
-
-    Raises:
-        ValueError: if the file is damaged, or another algorithm's; or the weights are not finite.
-    """
-    try:
-        model: BaseAlgorithm = rl_zoo3.ALGOS[algo].load(path, device="cpu")
-    except Exception as error:  # a damaged file may raise anything
-        raise ValueError(f"{path} cannot be loaded as {algo}: {in_one_line(error)}: train it again") from error
-    if not all(weights.isfinite().all() for weights in model.policy.parameters()):
-        remedy = "train it again, with a lower learning_rate"
-        raise ValueError(f"{path} is an agent whose weights are not finite, for its training diverged: {remedy}")
-    return model
-
-
-def statistics_of(run: Path, params: Path, *, load_best: bool) -> Path:
-    """Find the file of VecNormalize's statistics that belong to a run's last model, or to its best one.
-
-    A run of an earlier version kept none with the best model: then those of the last are taken, with a warning.
-    """
-    last, best = params / STATISTICS, run / OF_BEST / STATISTICS
-    if load_best and last.exists() and not best.exists():
-        warnings.warn(
-            f"{run} kept no statistics of VecNormalize with its best model: those of the end are taken, which may "
-            "differ.",
-            stacklevel=3,
-        )
-    return best if load_best and best.exists() else last
-
-
-def _vec_normalize(path: Path, make_env: MakeEnv, *, is_needed: bool) -> VecNormalize | None:
-    """Load the statistics of the training's observations; None if these were not normalised.
-
-    Raises:
-        ValueError: if they are missing or damaged: the agent would see other observations than in training.
-    """
-    if not path.exists() and not is_needed:
-        return None
-    try:
-        return VecNormalize.load(str(path), DummyVecEnv([make_env]))
-    except Exception as error:  # a damaged file may raise anything
-        remedy = "copy it there from a backup, or train again"
-        raise ValueError(
-            f"{path}, which normalises observations, cannot be read: {in_one_line(error)}: {remedy}"
-        ) from error

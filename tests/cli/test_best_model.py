@@ -6,6 +6,7 @@ import pytest
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.cli.main import main
+from sb3_bruno.export import agent_file
 from sb3_bruno.zoo import shown_steps
 from support.tiny_runs import tiny
 
@@ -31,33 +32,52 @@ def kept(trained, tmp_path):
     return tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1"
 
 
+def forget_agent_files(run_folder):
+    """Be a run of an earlier version, which wrote none."""
+    for path in run_folder.glob("*.agent"):
+        path.unlink()
+
+
 @pytest.fixture
 def counts(monkeypatch):
-    """How many observations the statistics that are loaded have seen."""
-    loaded, load = [], VecNormalize.load
+    """How many observations the statistics that are loaded have seen, from pickles and from agent files."""
+    loaded = {"pickle": [], "agent file": []}
 
-    def listed(path, env):
-        statistics = load(path, env)
-        loaded.append(round(statistics.obs_rms["reward"].count))
-        return statistics
+    def listed(load, kind):
+        def load_and_list(*args):
+            statistics = load(*args)
+            loaded[kind].append(round(statistics.obs_rms["reward"].count))
+            return statistics
 
-    monkeypatch.setattr(VecNormalize, "load", staticmethod(listed))
+        return load_and_list
+
+    monkeypatch.setattr(VecNormalize, "load", staticmethod(listed(VecNormalize.load, "pickle")))
+    monkeypatch.setattr(agent_file, "normalized", listed(agent_file.normalized, "agent file"))
     return loaded
 
 
+@pytest.mark.parametrize("kind", ["pickle", "agent file"])
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
-def test_the_statistics_are_those_of_the_model(run, kept, counts, command):
+def test_the_statistics_are_those_of_the_model(run, kept, counts, command, kind):
+    if kind == "pickle":
+        forget_agent_files(kept)
     for flags, n_seen in (([], 208), (["--load-best"], 168)):
         assert run(*command, "--env", "PointDir-v0", *flags)[1] == ""
-        assert counts.pop() == n_seen and not counts
+        assert {name: set(seen) for name, seen in counts.items()} == {
+            "pickle": set(),
+            "agent file": set(),
+            kind: {n_seen},
+        }
+        counts[kind].clear()
 
 
 @pytest.mark.parametrize("command", COMMANDS[:2], ids=lambda command: command[0])
 def test_a_run_of_an_earlier_version_is_told_that_it_kept_none(run, kept, counts, command):
+    forget_agent_files(kept)
     shutil.rmtree(kept / "best_model")
     with pytest.warns(UserWarning, match="PointDir-v0_1 kept no statistics of VecNormalize with its best model"):
         assert run(*command, "--env", "PointDir-v0", "--load-best")[1] == ""
-    assert counts == [208]
+    assert counts == {"pickle": [208], "agent file": []}
 
 
 def test_a_video_in_the_making_shows_how_far_it_is(run, kept, monkeypatch):

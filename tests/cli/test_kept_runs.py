@@ -90,9 +90,11 @@ def test_what_is_counted_is_at_least_one(flags, capsys):
 def test_an_agent_that_cannot_be_loaded_is_told_in_one_line(run, tmp_path):
     run(*tiny("--eval-freq", -1))
     path = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip"
-    path.write_bytes(path.read_bytes()[:1_000])
-    mistake = run("evaluate", "--env", "PointDir-v0")[1]
-    assert "cannot be loaded as bruno_sac" in mistake and "\n" not in mistake
+    for damaged, line in ((path.with_suffix(".agent"), "cannot be loaded as an agent"), (path, "loaded as bruno_sac")):
+        damaged.write_bytes(damaged.read_bytes()[:1_000])
+        mistake = run("evaluate", "--env", "PointDir-v0")[1]
+        assert damaged.name in mistake and line in mistake and "\n" not in mistake
+        damaged.unlink()
 
 
 @pytest.mark.parametrize(
@@ -108,6 +110,7 @@ def test_an_agent_that_cannot_be_loaded_is_told_in_one_line(run, tmp_path):
     ],
 )
 def test_an_agent_is_not_tested_otherwise_than_it_was_trained(run, normalised, name, content, commands, line):
+    (normalised / "PointDir-v0.agent").unlink()  # which would bring its own statistics
     path = normalised / "PointDir-v0" / name
     path.unlink() if content is None else path.write_bytes(content)
     for command in commands:
@@ -139,6 +142,7 @@ def test_a_video_is_of_the_environment_that_was_trained_in(run, tmp_path, conf):
 def test_an_agent_whose_training_diverged_is_told_as_that(run, tmp_path):
     run(*tiny("--eval-freq", -1, steps=64))
     path = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip"
+    path.with_suffix(".agent").unlink()
     model = BrunoSAC.load(path)
     next(model.policy.actor.parameters()).data.fill_(float("nan"))
     model.save(path)

@@ -6,15 +6,15 @@ from pathlib import Path
 import pytest
 
 from sb3_bruno.zoo.experiment import TaskExperiment
-from sb3_bruno.zoo.kept_run import OF_BEST, STATISTICS
 from sb3_bruno.zoo.registry import register
+from sb3_bruno.zoo.stored_agent import OF_BEST, STATISTICS
 from support.dying import dies_at
 
 PARAMS = {"normalize": True, "learning_starts": 20, "buffer_size": 200, "n_envs": 1}
 
 
 def files(folder):
-    found = (path for path in Path(folder).rglob("*") if path.suffix in (".zip", ".pkl") and path.is_file())
+    found = (path for path in Path(folder).rglob("*") if path.suffix in (".agent", ".zip", ".pkl") and path.is_file())
     return {path: path.read_bytes() for path in found if ".unfinished" not in str(path)}
 
 
@@ -38,7 +38,8 @@ def test_a_kill_leaves_agent_buffer_and_statistics_as_they_were(tmp_path, monkey
     best.init_callback(model)
     experiment.save_trained_model(model)
     before = files(experiment.save_path)
-    assert {path.name for path in before} == {"PointDir-v0.zip", "replay_buffer.pkl", "vecnormalize.pkl"}
+    names = {"PointDir-v0.agent", "PointDir-v0.zip", "replay_buffer.pkl", "vecnormalize.pkl"}
+    assert {path.name for path in before} == names
     model.env.obs_rms["observation"].mean += 1.0
     model.num_timesteps = 7
     dies_at(moment, lambda: experiment.save_trained_model(model))
