@@ -15,6 +15,7 @@ from sb3_bruno.cli.export import export
 from sb3_bruno.cli.live import live
 from sb3_bruno.cli.mistake import Mistake
 from sb3_bruno.cli.report import report
+from sb3_bruno.cli.share import pack, pull, push
 from sb3_bruno.cli.sweep import sweep
 from sb3_bruno.cli.train import train
 from sb3_bruno.cli.watch import enjoy, record_video
@@ -32,6 +33,9 @@ COMMANDS: dict[str, Callable[[Arguments], None]] = {
     "plot": plot,
     "report": report,
     "export": export,
+    "pack": pack,
+    "push": push,
+    "pull": pull,
 }
 USAGE = "usage: sb3-bruno COMMAND ...\n\ncommands (each with its own --help):\n" + "\n".join(
     f"  {name:<14}{(command.__doc__ or '').splitlines()[0]}" for name, command in COMMANDS.items()

@@ -112,15 +112,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_agent(parser: argparse.ArgumentParser) -> None:
     """Add the flags that choose an agent."""
+    add_run(parser, folder="logs")
+    add_gym_packages(parser)
+    parser.add_argument("--load-best", action="store_true", help="the best model instead of the last")
+    add_trust(parser)
+
+
+def add_run(parser: argparse.ArgumentParser, folder: str) -> None:
+    """Add the flags that choose a run.
+
+    Args:
+        parser: the parser.
+        folder: the default of the folder that runs are in.
+    """
     parser.add_argument("--algo", default="bruno_sac", help="(default: bruno_sac)")
     parser.add_argument("--env", default="CheetahDir-v0", help="(default: CheetahDir-v0)")
-    add_gym_packages(parser)
-    parser.add_argument("-f", "--folder", default="logs", help="log folder (default: logs)")
+    parser.add_argument("-f", "--folder", default=folder, help=f"folder of the runs (default: {folder})")
     parser.add_argument(
         "--exp-id", type=whole_number(0, also=(-1,)), default=0, help="run number, 0: the latest (default)"
     )
-    parser.add_argument("--load-best", action="store_true", help="the best model instead of the last")
-    add_trust(parser)
 
 
 def add_trust(parser: argparse.ArgumentParser) -> None:

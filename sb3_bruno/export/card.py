@@ -1,0 +1,97 @@
+"""Writes the card of an agent, a README with what it is, how well it does and how it was made, from its record."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+
+from sb3_bruno.runs.record import RunRecord
+
+PICTURE = "adaptation.png"
+_TAGS = ("sb3_bruno", "stable-baselines3", "reinforcement-learning", "meta-reinforcement-learning")
+
+
+def write_card(
+    record: RunRecord,
+    command: Sequence[str],
+    *,
+    class_name: str,
+    has_picture: bool,
+    sections: Mapping[str, str] | None = None,
+) -> str:
+    """Write a card in Markdown.
+
+    Args:
+        record: of the agent's run and its final test.
+        command: the arguments of ``sb3-bruno train`` that started the run; none if nobody knows.
+        class_name: of its algorithm.
+        has_picture: whether ``PICTURE`` lies beside the card.
+        sections: further sections: plain text by heading.
+    """
+    config = record.about["config"]
+    algo, env = config["algo"], config["env"]
+    parts = [
+        _front_matter(env),
+        f"# {record.method} on {env}",
+        f"An agent that works out which task it is in while it acts: `{class_name}` of sb3_bruno, trained for "
+        f"{config['env_steps']:,} env steps{_seed(config)}.",
+        _returns(record),
+        *([f"![Reward in an episode]({PICTURE})"] if has_picture else []),
+        "## Use",
+        f"```bash\nsb3-bruno enjoy -f agents --algo {algo} --env {env}\n```",
+        f'```python\nfrom sb3_bruno.export import load_agent\n\nagent = load_agent("{env}.agent")\n```',
+        "The file holds JSON and tensors alone, so that loading it runs no code of its author.",
+        *(f"## {heading}\n\n```text\n{text.strip()}\n```" for heading, text in (sections or {}).items()),
+        "## How it was made",
+        _made(record, command),
+        "`sb3-bruno pack` wrote this card from the record of the run.",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _front_matter(env: str) -> str:
+    """Write what the Hugging Face hub reads."""
+    tags = "\n".join(f"- {tag}" for tag in (*_TAGS, env))
+    return f"---\nlibrary_name: sb3_bruno\npipeline_tag: reinforcement-learning\ntags:\n{tags}\n---"
+
+
+def _seed(config: Mapping[str, object]) -> str:
+    return "" if config.get("seed") is None else f", seed {config['seed']}"
+
+
+def _returns(record: RunRecord) -> str:
+    """Tabulate the mean of every measure of the final test, a row per task, or per group of them if there are many."""
+    config, measures = record.about["config"], record.measures
+    labels = record.episodes["task"].unique().tolist()
+    groups = record.parts() or {f"all {len(labels)}": labels}
+    scores = {measure: record.scores(measure) for measure in measures}
+    lines = [
+        "| test tasks | " + " | ".join(_heading(measure) for measure in measures) + " |",
+        "|---" * (1 + len(measures)) + "|",
+    ]
+    for name, tasks in groups.items():
+        means = [f"{scores[measure][tasks].mean():,.1f}" for measure in measures]
+        lines.append("| " + " | ".join([str(name), *means]) + " |")
+    n_episodes = record.episodes.groupby("task").size().max()
+    actions = "the most likely actions" if config.get("deterministic", True) else "drawn actions"
+    return "\n".join(lines) + f"\n\nMeans over {n_episodes} episodes of each task, with {actions}."
+
+
+def _heading(measure: str) -> str:
+    """Say a measure in words: ``return_200`` is the return of 200 steps."""
+    kind, _, number = measure.partition("_")
+    words = {"return": f"return of {number} steps", "episode": f"return of episode {number}", "success": "success in %"}
+    return words.get(kind, measure)
+
+
+def _made(record: RunRecord, command: Sequence[str]) -> str:
+    """Tell the command, the commits and the versions."""
+    found = []
+    if command:
+        found.append(f"```bash\nsb3-bruno train {shlex.join(command)}\n```")
+    commits = record.about["config"].get("trained_at")
+    if isinstance(commits, list) and commits:
+        found.append(f"Trained at commit {', '.join(map(str, commits))} of sb3_bruno.")
+    versions = ", ".join(f"{name} {version}" for name, version in record.about["versions"].items())
+    found.append(f"Tested with {versions}.")
+    return "\n\n".join(found)

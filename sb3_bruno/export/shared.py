@@ -1,0 +1,60 @@
+"""The files of an agent that is shared: in a folder like a run's, and in a repository of the hub."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from sb3_bruno.export.card import PICTURE
+from sb3_bruno.runs.folder import AGENT_FILE
+from sb3_bruno.runs.origin import ORIGIN
+
+CARD = "README.md"
+_ENV = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
+
+
+def needed_files(env: str) -> list[str]:
+    """Name the files without which an agent is not shared.
+
+    Args:
+        env: the environment's name, as the folders of runs are named.
+    """
+    return [f"{env}{AGENT_FILE}", f"{env}/args.yml", f"{env}/config.yml", CARD]
+
+
+def shared_files(folder: Path, env: str) -> list[str]:
+    """Name the files of an agent in a folder that are shared.
+
+    Raises:
+        ValueError: if one is missing.
+    """
+    for name in needed_files(env):
+        if not (folder / name).is_file():
+            raise ValueError(f"{folder} has no {name}: make such a folder from a run by `sb3-bruno pack`")
+    return [*needed_files(env), *(name for name in (ORIGIN, PICTURE) if (folder / name).is_file())]
+
+
+def check_names(names: Iterable[str], place: str) -> str:
+    """Refuse other files than those of one agent.
+
+    Args:
+        names: their paths.
+        place: where they are, for the error.
+
+    Returns:
+        The name of the environment.
+
+    Raises:
+        ValueError: naming the file that is too much, or missing.
+    """
+    found = set(names)
+    agents = [name.removesuffix(AGENT_FILE) for name in found if name.endswith(AGENT_FILE)]
+    if len(agents) != 1 or not _ENV.fullmatch(agents[0]):
+        raise ValueError(f"{place} holds {len(agents)} agent files with plain names, not one: give another")
+    needed = set(needed_files(agents[0]))
+    for name in sorted(found - needed - {ORIGIN, PICTURE}):
+        raise ValueError(f"{place} holds {name!r:.80}, which is no file of an agent: give another")
+    for name in sorted(needed - found):
+        raise ValueError(f"{place} lacks {name}: give another")
+    return agents[0]

@@ -1,0 +1,119 @@
+"""Makes folders of agents to share from runs, and takes in those that were shared."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from huggingface_sb3 import EnvironmentName
+from rl_zoo3.utils import get_latest_run_id
+
+from sb3_bruno.algorithms.task_inference import TaskInference
+from sb3_bruno.export import load_agent, save_agent
+from sb3_bruno.export.card import PICTURE, write_card
+from sb3_bruno.export.shared import CARD, check_names, shared_files
+from sb3_bruno.files.whole import whole_file
+from sb3_bruno.runs.folder import AGENT_FILE
+from sb3_bruno.runs.origin import ORIGIN, load_command
+from sb3_bruno.runs.record import RunRecord
+from sb3_bruno.zoo.registry import ALGORITHMS
+from sb3_bruno.zoo.saved_run import SavedRun
+from sb3_bruno.zoo.trained import TrainedAgent
+from sb3_bruno.zoo.trust import check_settings
+
+
+def pack(agent: TrainedAgent, out: Path, record: Path | None, sections: dict[str, str]) -> Path:
+    """Make a folder of an agent that can be shared.
+
+    Args:
+        agent: the agent, of a run that was tested.
+        out: the folder of agents to put it in.
+        record: the folder of its record, as ``sb3-bruno report`` makes it; None for the tests in its run.
+        sections: further sections of its card: plain text by heading.
+
+    Raises:
+        ValueError: if the agent infers no task, is no plain data, or was not tested.
+    """
+    model, env = agent.model, EnvironmentName(agent.config["env"])
+    if not isinstance(model, TaskInference):
+        raise ValueError(f"--algo {agent.config['algo']} infers no task, so there is no agent file of it")
+    known = RunRecord.load(record) if record is not None else RunRecord.from_run(agent.folder)
+    for name in ("algo", "env", "env_steps", "seed"):
+        if known.about["config"].get(name) != agent.config[name]:
+            told = f"{name} {known.about['config'].get(name)}, and the agent of {agent.config[name]}"
+            raise ValueError(f"the record is of {told}: give the record of this agent, by --record")
+    picture = agent.folder / PICTURE if record is None else record.parents[1] / PICTURE
+    folder = _next(out, agent.config["algo"], env)
+    (folder / env).mkdir(parents=True)
+    try:
+        model._vec_normalize_env = agent.vec_normalize
+        save_agent(model, folder / f"{env}{AGENT_FILE}")
+        for name in (f"{env}/args.yml", f"{env}/config.yml", ORIGIN):
+            if (agent.folder / name).is_file():
+                shutil.copyfile(agent.folder / name, folder / name)
+        if picture.is_file():
+            shutil.copyfile(picture, folder / PICTURE)
+        has_origin = (folder / ORIGIN).is_file()
+        card = write_card(
+            known,
+            load_command(folder) if has_origin else (),
+            class_name=type(model).__name__,
+            has_picture=picture.is_file(),
+            sections=sections,
+        )
+        with whole_file(folder / CARD) as part:
+            part.write_text(card, encoding="utf-8")
+    except BaseException:
+        shutil.rmtree(folder)
+        raise
+    return folder
+
+
+def files_to_share(logs: Path, algo: str, env: str, exp_id: int) -> tuple[Path, list[str]]:
+    """Find the folder of an agent that was packed, and name its files.
+
+    Args:
+        logs: the folder of agents.
+        algo: rl_zoo3's name of the algorithm.
+        env: id of the environment.
+        exp_id: the run's number, 0 for the latest.
+
+    Raises:
+        ValueError: if one of them is missing.
+    """
+    name = EnvironmentName(env)
+    number = exp_id or get_latest_run_id(str(logs / algo), name)
+    folder = logs / algo / f"{name}_{number}"
+    return folder, shared_files(folder, name)
+
+
+def take_in(fetched: Path, out: Path, place: str, packages: Sequence[str]) -> Path:
+    """Put an agent that was fetched among others, after looking at all of its files.
+
+    Args:
+        fetched: the folder with its files, and no others.
+        out: the folder of agents to put it in.
+        place: where it is from, for errors.
+        packages: packages that its settings may name, besides ours.
+
+    Raises:
+        ValueError: if a file is not as ``pack`` makes it, or the settings would have other code run.
+    """
+    names = [str(path.relative_to(fetched).as_posix()) for path in fetched.rglob("*") if not path.is_dir()]
+    env = check_names(names, place)
+    saved = SavedRun.load(fetched / env)
+    check_settings(saved, fetched / env, packages)
+    algo = saved.arguments.get("algo")
+    model = load_agent(fetched / f"{env}{AGENT_FILE}", device="cpu")
+    if not isinstance(algo, str) or type(model) is not ALGORITHMS.get(algo):
+        raise ValueError(f"{place} is a {type(model).__name__} whose settings are of {algo!r:.60}: give another")
+    folder = _next(out, algo, env)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copytree(fetched, folder)
+    return folder
+
+
+def _next(out: Path, algo: str, env: str) -> Path:
+    """Name the folder of the next agent of an algorithm in an environment."""
+    return out / algo / f"{env}_{get_latest_run_id(str(out / algo), env) + 1}"
