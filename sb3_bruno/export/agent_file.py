@@ -29,6 +29,7 @@ from sb3_bruno.export.classes import Unknown, find, key_of
 from sb3_bruno.export.limits import LARGEST_BUFFER, Budget
 from sb3_bruno.export.normalization import normalized, write_normalization
 from sb3_bruno.export.plain import from_plain, read_json, to_plain
+from sb3_bruno.export.readout import add_readout, write_readout
 from sb3_bruno.export.space_json import read_box, read_space, write_space
 from sb3_bruno.export.tensors import put_tensors, read_tensors, tensors_of
 
@@ -45,6 +46,7 @@ _KEYS = {
     "action_space",
     "task_space",
     "normalization",
+    "readout",
     "num_timesteps",
     "seed",
     "versions",
@@ -140,6 +142,7 @@ def _write(model: TaskInference) -> tuple[dict[str, Any], dict[str, Tensor]]:
         "action_space": write_space(model.action_space, "action_space"),
         "task_space": write_space(model.task_space, "task_space"),
         "normalization": normalization,
+        "readout": write_readout(model),
         "num_timesteps": to_plain(model.num_timesteps, "num_timesteps"),
         "seed": to_plain(model.seed, "seed"),
         "versions": library_versions(),
@@ -158,6 +161,7 @@ class _Written(NamedTuple):
         action_space: of its env.
         task_space: of its env.
         normalization: the settings of VecNormalize as JSON; None without one.
+        readout: what its read-out of the task was made with, as JSON; None without one.
         num_timesteps: env steps that it was trained for.
         seed: of its training.
     """
@@ -169,6 +173,7 @@ class _Written(NamedTuple):
     action_space: spaces.Box
     task_space: spaces.Box
     normalization: Any
+    readout: Any
     num_timesteps: int
     seed: int | None
 
@@ -201,7 +206,17 @@ class _Written(NamedTuple):
         if type(counted) is not int or counted < 0 or not (seed is None or type(seed) is int):
             raise ValueError("its env steps or its seed are no whole numbers")
         boxes = read_box(plain["action_space"]), read_box(plain["task_space"])
-        return cls(algorithm, policy, arguments, observation_space, *boxes, plain["normalization"], counted, seed)
+        return cls(
+            algorithm,
+            policy,
+            arguments,
+            observation_space,
+            *boxes,
+            plain["normalization"],
+            plain["readout"],
+            counted,
+            seed,
+        )
 
     def build(self, tensors: dict[str, Tensor], venv: VecEnv | None, device: th.device | str) -> TaskInference:
         """Build the agent, and put its tensors into it.
@@ -216,7 +231,8 @@ class _Written(NamedTuple):
             own = {name.removeprefix("normalization."): tensors.pop(name) for name in statistics}
             env = normalized(env, self.normalization, own)
         with Budget(tensors), th.random.fork_rng(devices=[]):
-            model = self.algorithm(self.policy, env, device=device, **arguments)
+            model = self.algorithm(self.policy, env, device=device, task_readout=False, **arguments)
+            add_readout(model, self.readout)
         put_tensors(model, tensors)
         model.num_timesteps, model.seed = self.num_timesteps, self.seed
         if venv is None:

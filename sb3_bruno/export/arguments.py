@@ -12,10 +12,14 @@ from stable_baselines3.common.type_aliases import TrainFreq
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.export.limits import LARGEST_COUNT
 
-_NOT_KEPT = {"self", "policy", "env", "device", "verbose", "tensorboard_log", "seed", "_init_setup_model"}
+_NOT_KEPT = {
+    *("self", "policy", "env", "device", "verbose", "tensorboard_log", "seed", "task_readout", "_init_setup_model")
+}
 """What a file names apart, or what belongs to the machine and the run rather than to the agent."""
 _OF_POLICY = {"policy_kwargs", "encoder_class", "encoder_kwargs", "critic_input"}
-_GIVEN_BY_ALGORITHM = {"encoder_class", "encoder_kwargs", "target_encoder", "critic_input", "task_space", "use_sde"}
+_GIVEN_BY_ALGORITHM = {
+    *("encoder_class", "encoder_kwargs", "target_encoder", "critic_input", "readout", "task_space", "use_sde")
+}
 """Arguments of the policy that the algorithm gives it."""
 
 

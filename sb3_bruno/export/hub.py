@@ -11,7 +11,8 @@ from huggingface_hub import HfApi, get_token
 from huggingface_hub.errors import LocalTokenNotFoundError, RepositoryNotFoundError
 
 from sb3_bruno.export.limits import LARGEST_TENSORS, LARGEST_TEXT
-from sb3_bruno.export.shared import AGENT_FILE, check_names
+from sb3_bruno.export.shared import check_names
+from sb3_bruno.runs.folder import AGENT_FILE
 
 LOG_IN = "log in by `hf auth login`, or set HF_TOKEN"
 _OF_THE_HUB = ".gitattributes"  # which the hub itself puts there

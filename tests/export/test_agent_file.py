@@ -1,5 +1,6 @@
 """An agent that is loaded from an agent file acts and believes as the one that was saved, to the last bit."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch as th
@@ -55,8 +56,13 @@ def test_a_loaded_agent_acts_and_believes_as_the_saved_one(algorithm, options, t
     assert type(loaded) is algorithm
     assert (loaded.num_timesteps, loaded.seed, loaded.get_env()) == (45, 0, None)
     assert loaded.policy.forget_threshold == model.policy.forget_threshold
-    assert_same(steps_of(loaded, env), steps_of(model, env))
+    steps = steps_of(model, env)
+    assert_same(steps_of(loaded, env), steps)
     assert_same(loaded.policy.state_dict(), model.policy.state_dict())
+    state = steps[-1][0]
+    estimates = [agent.task_estimate(state) for agent in (loaded, model)]
+    assert estimates[0].texts() == estimates[1].texts() and estimates[0].labels == model.task_labels
+    assert_same(estimates[0].mean, estimates[1].mean)
     if isinstance(model.encoder, HasPosterior):
         seen = env.observation_space["observation"].shape[0]
         transitions = Transitions(*(np.full((7, dim), 0.1, np.float32) for dim in (seen, 2, 1, seen)))
@@ -98,6 +104,21 @@ def test_with_an_env_it_learns_from_the_start_with_what_it_was_made_with(tmp_pat
     loaded.learn(60)
     assert loaded.replay_buffer.size() == 60
     assert not th.equal(next(loaded.encoder.parameters()), next(model.encoder.parameters()))
+
+
+def test_an_agent_that_reads_no_task_comes_back_as_such(tmp_path):
+    loaded = again(made(PearlSAC, make_point(), task_readout=False), tmp_path / "point.agent")
+    assert loaded.policy.readout is None
+
+
+def test_tasks_that_are_many_are_read_as_before(tmp_path):
+    env = DummyVecEnv([lambda: gym.make("sb3_bruno_envs:Wind-v0")])
+    model = made(PearlSAC, env)
+    model.learn(45)
+    loaded = again(model, tmp_path / "wind.agent")
+    state = steps_of(model, env)[-1][0]
+    assert loaded.task_estimate(state).texts() == model.task_estimate(state).texts()
+    assert loaded.task_labels == model.task_labels and model.task_labels.names
 
 
 def test_without_an_env_it_refuses_to_learn_later_on(tmp_path):
