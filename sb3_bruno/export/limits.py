@@ -11,8 +11,8 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves, tree_map
 
 LARGEST_TEXT = 2**20  # bytes of a member that is text
-LARGEST_TENSORS = 2**30  # bytes of all tensors
-LARGEST_TENSOR = 2**28  # bytes
+LARGEST_TENSORS = 2**28  # bytes of all tensors
+LARGEST_TENSOR = 2**27  # bytes
 LARGEST_SPACE = 100_000  # numbers in a space
 LARGEST_BUFFER = 10_000_000  # transitions
 LARGEST_COUNT = 1_000_000  # any whole number that shapes a network
@@ -22,7 +22,7 @@ class Budget(TorchDispatchMode):
     """Refuses to compute more or larger tensors than agents of a file's size need, before they take any memory.
 
     Every operation is run on torch's device "meta" first, which computes shapes alone. Our agents need 5 operations
-    for each tensor that is kept, and 4 bytes for each byte.
+    for each tensor that is kept, and 4 bytes for each byte, of which most are free again at once.
 
     Args:
         kept: the tensors of the file by name.
@@ -30,8 +30,8 @@ class Budget(TorchDispatchMode):
 
     def __init__(self, kept: Mapping[str, Tensor]) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
-        self._operations = 2_000 + 30 * len(kept)
-        self._bytes = 2**24 + 16 * sum(tensor.nbytes for tensor in kept.values())
+        self._operations = 2_000 + 30 * min(len(kept), 1_000)
+        self._bytes = 2**24 + 8 * sum(tensor.nbytes for tensor in kept.values())
 
     def __torch_dispatch__(
         self, func: Any, types: Any, args: tuple[Any, ...] = (), kwargs: dict[str, Any] | None = None

@@ -11,7 +11,7 @@ from stable_baselines3.common.save_util import recursive_getattr
 from torch import Tensor
 
 from sb3_bruno.algorithms.task_inference import TaskInference
-from sb3_bruno.export.limits import LARGEST_TENSOR
+from sb3_bruno.export.limits import LARGEST_TENSOR, LARGEST_TEXT
 
 _POLICY, _VARIABLE = "policy.", "variable."
 
@@ -33,6 +33,8 @@ def read_tensors(data: bytes) -> dict[str, Tensor]:
     Raises:
         Exception: of any kind, if the data is not of that format; ValueError if a number is not finite.
     """
+    if int.from_bytes(data[:8], "little") > LARGEST_TEXT:  # the length of what describes them
+        raise ValueError(f"its tensors are described in more than {LARGEST_TEXT:,} bytes")
     tensors = safetensors.torch.load(data)
     _check(tensors)
     return tensors

@@ -33,8 +33,8 @@ def check_pickle(path: Path, *, trust: bool) -> None:
     """
     if not trust and not is_trusted(path):
         raise ValueError(
-            f"{path} is a pickle, which may run any code of whoever made it, and is in no folder called logs or "
-            "agents: give --trust if you know where it is from"
+            f"{path} would be loaded as a pickle, which may run any code of whoever made it, and is in no folder "
+            "called logs or agents: give --trust if you know where it is from"
         )
 
 

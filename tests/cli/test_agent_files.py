@@ -87,7 +87,7 @@ def test_a_pickle_elsewhere_needs_trust(run, elsewhere, command, best):
     for path in elsewhere.glob("*.agent"):
         path.unlink()
     mistake = run(*command, *ENV, "-f", "downloads", *best)[1]
-    assert "is a pickle" in mistake and "give --trust" in mistake and "\n" not in mistake
+    assert "as a pickle" in mistake and "give --trust" in mistake and "\n" not in mistake
     assert run(*command, *ENV, "-f", "downloads", *best, "--trust")[1] == ""
     elsewhere.parents[1].rename(elsewhere.parents[2] / "logs")
     assert run(*command, *ENV, *best)[1] == ""
@@ -95,13 +95,13 @@ def test_a_pickle_elsewhere_needs_trust(run, elsewhere, command, best):
 
 def test_an_agent_elsewhere_is_trained_on_with_trust(run, elsewhere):
     pretrained = elsewhere / "PointDir-v0.zip"
-    assert "is a pickle" in run(*tiny("-i", pretrained, steps=64))[1]
+    assert "as a pickle" in run(*tiny("-i", pretrained, steps=64))[1]
     assert run(*tiny("-i", pretrained, "--trust", steps=64))[1] == ""
 
 
 def test_a_folder_of_others_agents_is_not_fetched_without_trust(run):
     for command in COMMANDS[2:]:
-        assert "is a pickle" in run(*command, *ENV, "-f", "rl-trained-agents")[1]
+        assert "as a pickle" in run(*command, *ENV, "-f", "rl-trained-agents")[1]
 
 
 @pytest.mark.parametrize("command", COMMANDS[::2], ids=lambda command: command[0])

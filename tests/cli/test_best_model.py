@@ -6,7 +6,7 @@ import pytest
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.cli.main import main
-from sb3_bruno.export import agent_file
+from sb3_bruno.export import written_agent
 from sb3_bruno.zoo import shown_steps
 from support.tiny_runs import tiny
 
@@ -52,7 +52,7 @@ def counts(monkeypatch):
         return load_and_list
 
     monkeypatch.setattr(VecNormalize, "load", staticmethod(listed(VecNormalize.load, "pickle")))
-    monkeypatch.setattr(agent_file, "normalized", listed(agent_file.normalized, "agent file"))
+    monkeypatch.setattr(written_agent, "normalized", listed(written_agent.normalized, "agent file"))
     return loaded
 
 

@@ -34,7 +34,7 @@ def test_nobody_waits_for_torch_to_be_told_how_to_call_it():
 def test_every_command_explains_itself(run, command):
     printed, _ = run(command, "--help")
     assert f"example: sb3-bruno {command}" in printed
-    assert ("--out" if command == "report" else "--env") in printed
+    assert ("--out" if command in ("report", "pull") else "--env") in printed
 
 
 def test_help_names_every_command(run):

@@ -1,10 +1,12 @@
 """An agent that is loaded from an agent file acts and believes as the one that was saved, to the last bit."""
 
+import subprocess
+import sys
+
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch as th
-from gymnasium import spaces
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise, VectorizedActionNoise
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
@@ -12,11 +14,9 @@ from torch import nn
 
 from sb3_bruno import BrunoSAC, BrunoTD3, PearlSAC
 from sb3_bruno.algorithms.sac import TaskSACPolicy
-from sb3_bruno.encoders import ENCODERS, HasPosterior, Predicts, RecurrentEncoder, Transitions, find_encoder
+from sb3_bruno.encoders import ENCODERS, HasPosterior, Predicts, RecurrentEncoder, Transitions
 from sb3_bruno.export import classes, load_agent, register_agent_class, save_agent
-from sb3_bruno.export.agent_file import _Written
-from sb3_bruno.export.plain import from_plain, to_plain
-from sb3_bruno.export.space_json import read_space, write_space
+from sb3_bruno.export.written_agent import WrittenAgent
 from support.tiny_models import ALGORITHMS, POINT, assert_same, make_pendulum, make_point, normalized, rollout, tiny
 
 BY_ENCODER = [name for name in ENCODERS if name not in {cls.default_encoder for cls in ALGORITHMS}]
@@ -267,51 +267,11 @@ def test_an_env_that_is_not_that_of_the_training_is_refused(env, message, tmp_pa
         load_agent(tmp_path / "point.agent", env())
 
 
-@pytest.mark.parametrize(
-    "space",
-    [
-        spaces.Box(-np.inf, np.inf, (3,)),
-        spaces.Box(np.array([-1.0, 0.1], np.float32), np.array([np.inf, 0.3], np.float32)),
-        spaces.Box(0, 255, (2, 3), np.uint8),
-        spaces.Box(-1.0, 1.0, ()),
-        spaces.Box(-1.0, 1.0, (0,), np.float64),
-        spaces.Dict({"b": spaces.Box(0.0, 1.0, (1,)), "a": spaces.Box(-2.0, np.inf, (2,))}),
-    ],
-    ids=str,
-)
-def test_spaces_come_back(space):
-    assert read_space(write_space(space, "space")) == space
-
-
-def test_a_space_of_another_kind_is_refused_by_name():
-    with pytest.raises(ValueError, match=r"`space\['a'\]` is Discrete"):
-        write_space(spaces.Dict({"a": spaces.Discrete(3)}), "space")
-
-
-@pytest.mark.parametrize(
-    "value",
-    [None, True, 3, 0.1, float("inf"), "text", [1, (2, [3.5])], {"a": {"b": (None,)}}, nn.ReLU, find_encoder("bruno")],
-    ids=str,
-)
-def test_settings_come_back(value):
-    assert from_plain(to_plain(value, "value")) == value
-
-
-def test_numbers_of_numpy_come_back():
-    found = from_plain(to_plain({"count": np.int64(3), "array": np.eye(2, dtype=np.float32)}, "value"))
-    assert found["count"] == 3
-    assert found["array"].dtype == np.float32
-    assert_same(found["array"], np.eye(2, dtype=np.float32))
-
-
-@pytest.mark.parametrize(
-    ("value", "message"), [({1: 2}, "has the key 1"), ({"$a": 2}, "has the key"), ({"a": {2}}, r"`value\.a` is a set")]
-)
-def test_settings_that_json_cannot_hold_are_refused_by_name(value, message):
-    with pytest.raises(ValueError, match=message):
-        to_plain(value, "value")
-
-
 def test_a_file_of_a_newer_format_asks_for_an_update():
     with pytest.raises(ValueError, match=r"version 2 of the format.*update"):
-        _Written.read({"format": "sb3_bruno agent", "version": 2})
+        WrittenAgent.read({"format": "sb3_bruno agent", "version": 2})
+
+
+def test_the_room_can_be_entered_without_torch():
+    script = "import sys, sb3_bruno.export; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
