@@ -9,6 +9,7 @@ from html import escape
 import viser
 
 from sb3_bruno.live.session import NATS, Moment, Session
+from sb3_bruno.live.sliders import value_of
 from sb3_bruno.live.task_controls import Do, add_task_controls
 from sb3_bruno.live.words import page_part
 
@@ -68,7 +69,7 @@ class Panel:
 
         self._pause.on_click(lambda event: do(toggle))
         anew.on_click(lambda event: do(session.reset))
-        speed.on_update(lambda event: do(lambda: setattr(session, "speed", float(speed.value))))
+        speed.on_update(lambda event: do(lambda: setattr(session, "speed", value_of(speed))))
         exact.on_update(lambda event: do(lambda: setattr(session, "deterministic", exact.value)))
 
     def _add_forgetting(self, gui: viser.GuiApi, do: Do) -> None:
@@ -78,7 +79,7 @@ class Panel:
             nats = gui.add_slider("Evidence, nats", 1.0, 50.0, 0.5, session.forget_threshold or NATS)
 
         def apply() -> None:
-            session.forget_threshold = float(nats.value) if forgets.value else None
+            session.forget_threshold = value_of(nats) if forgets.value else None
 
         forgets.on_update(lambda event: do(apply))
         nats.on_update(lambda event: do(apply))

@@ -58,7 +58,6 @@ class Session:
     Attributes:
         deterministic: whether the actor's mode is taken instead of a sample.
         is_paused: whether whoever calls ``step`` should wait.
-        speed: how many seconds of the environment should pass in one.
         n_episodes: how many have begun.
         estimate: what the agent took the task for when it last acted, at first its prior; None without a read-out.
         no_readout: why there is none; "" if there is one.
@@ -97,6 +96,17 @@ class Session:
     def task_name(self) -> str:
         """Return what the environment calls the task, or ``""``."""
         return task_name(self._info)
+
+    @property
+    def speed(self) -> float:
+        """Return how many seconds of the environment should pass in one."""
+        return self._speed
+
+    @speed.setter
+    def speed(self, speed: float) -> None:
+        if not 0.0 < speed < np.inf:
+            raise ValueError(f"`speed={speed!r}` is no pace: give a positive number, 0.1 for slow motion.")
+        self._speed = speed
 
     @property
     def seconds_per_step(self) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -12,6 +11,7 @@ import viser
 from numpy.typing import NDArray
 
 from sb3_bruno.live.session import Session
+from sb3_bruno.live.sliders import Slider, move, round_step, rounded, value_of
 from sb3_bruno.live.task_choice import Direction, Entries, FewTasks, find_choice
 from sb3_bruno.live.words import place_of
 
@@ -67,7 +67,7 @@ def _add_buttons(gui: viser.GuiApi, session: Session, do: Do, choice: FewTasks) 
 
 def _add_angle(gui: viser.GuiApi, session: Session, do: Do, choice: Direction) -> Show:
     """Add one slider, in degrees."""
-    slider = _add_slider(gui, "Direction (degrees)", choice.low, choice.high, 1.0)
+    slider = gui.add_slider("Direction (degrees)", choice.low, choice.high, 1.0, choice.low)
     drags = _Drags([slider], do, lambda values: session.set_task(choice.task(*values)))
     return lambda task: drags.show([choice.degrees(task)])
 
@@ -76,8 +76,9 @@ def _add_sliders(gui: viser.GuiApi, session: Session, do: Do, choice: Entries) -
     """Add a slider for each number of the task."""
     sliders = []
     for label, low, high in zip(choice.labels, choice.low, choice.high, strict=True):
-        step = _step(high - low)
-        sliders.append(_add_slider(gui, label, _rounded(low, step), _rounded(high, step), step))
+        step = round_step(high - low)
+        bound = rounded(low, step)
+        sliders.append(gui.add_slider(label, bound, rounded(high, step), step, bound))
 
     drags = _Drags(sliders, do, lambda values: session.set_task(np.clip(values, choice.low, choice.high)))
     return lambda task: drags.show(task.tolist())
@@ -94,16 +95,14 @@ class _Drags:
         obey: is given the values.
     """
 
-    def __init__(
-        self, sliders: Sequence[viser.GuiSliderHandle[float]], do: Do, obey: Callable[[list[float]], None]
-    ) -> None:
+    def __init__(self, sliders: Sequence[Slider], do: Do, obey: Callable[[list[float]], None]) -> None:
         self._sliders, self._do, self._obey = sliders, do, obey
         self._n_open, self._lock = 0, threading.Lock()  # viser calls from other threads
         for slider in sliders:
             slider.on_update(lambda event: self._ask() if event.client is not None else None)
 
     def _ask(self) -> None:
-        values = [slider.value for slider in self._sliders]
+        values = [value_of(slider) for slider in self._sliders]
 
         def obey() -> None:
             try:
@@ -121,26 +120,10 @@ class _Drags:
     def show(self, values: Sequence[float]) -> None:
         """Move the sliders to these values, as near as they can, unless a drag is still to be obeyed."""
         for slider, value in zip(self._sliders, values, strict=True):
-            fitting = min(max(_rounded(value, slider.step), slider.min), slider.max)
-            if slider.value != fitting and not self._n_open:
-                slider.value = fitting  # type: ignore[misc]  # mypy misses viser's setter
-
-
-def _add_slider(gui: viser.GuiApi, label: str, low: float, high: float, step: float) -> viser.GuiSliderHandle[float]:
-    """Add a slider, which shows its lowest value until it is moved."""
-    return gui.add_slider(label, low, high, step, low)
+            if not self._n_open:
+                move(slider, value)
 
 
 def _on_click(button: viser.GuiButtonHandle, do: Do, then: Callable[[], None]) -> None:
     """Have something done between two steps when somebody clicks a button."""
     button.on_click(lambda event: do(then))
-
-
-def _step(width: float) -> float:
-    """Return a round step that divides a range into a hundred parts or more: 0.01 of a range of 3."""
-    return 10.0 ** math.floor(math.log10(width / 100.0)) if width > 0 else 1.0
-
-
-def _rounded(value: float, step: float) -> float:
-    """Return a number with as many digits as a step: 0.667 as 0.67 with a step of 0.01."""
-    return round(float(value), max(-math.floor(math.log10(step)), 0))

@@ -1,7 +1,6 @@
 """A visitor opens the page in a real browser, changes the hidden task, and sees the agent notice."""
 
 import re
-import sys
 import threading
 from contextlib import contextmanager
 
@@ -54,17 +53,12 @@ def train(folder, algo, env, steps, params, *flags):
     main(["train", *chosen, *flags, "-params", *params])
 
 
-@pytest.fixture(scope="module")
-def logs(tmp_path_factory):
-    """Agents of three environments: one of ours, a robot, and somebody's own."""
-    folder = tmp_path_factory.mktemp("live")
-    (folder / "hot_envs.py").write_text(OWN)
-    sys.path.insert(0, str(folder))
-    train(folder / "logs", "bruno_sac", "PointDir-v0", 1_000, TRAINED)
-    train(folder / "logs", "recurrent_sac", "CheetahVel-v0", 8, TINY)
-    train(folder / "logs", "recurrent_sac", "Own-v0", 8, TINY, "--gym-packages", "hot_envs")
-    yield folder / "logs"
-    sys.path.remove(str(folder))
+@pytest.fixture
+def logs(tmp_path, monkeypatch):
+    """A log folder beside a package with somebody's own environment."""
+    (tmp_path / "hot_envs.py").write_text(OWN)
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path / "logs"
 
 
 @pytest.fixture(scope="module")
@@ -95,11 +89,10 @@ class Visit:
 
 
 @contextmanager
-def visited(driver, logs, name):
-    """The page of an agent, whose name begins so, in the browser."""
+def visited(driver, logs):
+    """The page of the first agent of a folder, in the browser."""
     agents = {str(agent): agent for agent in find_agents(logs)}
-    chosen = next(agent for agent in agents if agent.startswith(name))
-    page = Page(list(agents), lambda name: open_agent(agents[name], logs, [], 0), chosen, port=8321)
+    page = Page(list(agents), lambda name: open_agent(agents[name], logs, [], 0), next(iter(agents)), port=8321)
     visit = Visit(driver, page)
     visit.record()
     thread = threading.Thread(target=page.run)
@@ -115,7 +108,8 @@ def visited(driver, logs, name):
 
 @pytest.mark.slow
 def test_a_click_changes_the_task_and_the_read_out_follows(driver, logs):
-    with visited(driver, logs, "bruno_sac  PointDir-v0") as visit:
+    train(logs, "bruno_sac", "PointDir-v0", 1_000, TRAINED)
+    with visited(driver, logs) as visit:
         assert visit.page.url.startswith("http://127.0.0.1:")
         assert driver.find_elements(By.CSS_SELECTOR, "canvas")
         for name, other in (("left", "right"), ("right", "left"), ("left", "right")):
@@ -130,7 +124,8 @@ def test_a_click_changes_the_task_and_the_read_out_follows(driver, logs):
 
 @pytest.mark.slow
 def test_a_visitor_pauses_the_agent_slows_it_down_and_begins_anew(driver, logs):
-    with visited(driver, logs, "bruno_sac  PointDir-v0") as visit:
+    train(logs, "bruno_sac", "PointDir-v0", 8, TINY)
+    with visited(driver, logs) as visit:
         visit.click("Pause")
         visit.wait("Go on")
         n_steps = len(visit.moments)
@@ -160,7 +155,8 @@ def put(driver, label, value):
 @pytest.mark.mujoco
 @pytest.mark.slow
 def test_a_robot_moves_in_3d_and_its_task_by_a_slider(driver, logs):
-    with visited(driver, logs, "recurrent_sac  CheetahVel-v0") as visit:
+    train(logs, "recurrent_sac", "CheetahVel-v0", 8, TINY)
+    with visited(driver, logs) as visit:
         put(driver, "velocity (m/s)", 2.5)
         visit.wait(r"Hidden task: 2\.5 m/s")
         visit.wait(r"velocity .* true 2\.5|true 2\.5")
@@ -170,7 +166,8 @@ def test_a_robot_moves_in_3d_and_its_task_by_a_slider(driver, logs):
 
 @pytest.mark.slow
 def test_somebodys_own_env_is_shown_by_charts_alone_and_what_it_refuses_is_told(driver, logs):
-    with visited(driver, logs, "recurrent_sac  Own-v0") as visit:
+    train(logs, "recurrent_sac", "Own-v0", 8, TINY, "--gym-packages", "hot_envs")
+    with visited(driver, logs) as visit:
         put(driver, "heat (K)", 0.25)
         visit.wait("Hidden task: 0.25")
         put(driver, "heat (K)", 0.75)
@@ -179,3 +176,17 @@ def test_somebodys_own_env_is_shown_by_charts_alone_and_what_it_refuses_is_told(
         visit.click("Draw a test task")
         wait_for(driver, lambda: visit.page.session.task.tolist() != [0.25])
         driver.save_screenshot("/tmp/own.png")
+
+
+@pytest.mark.slow
+def test_another_agent_is_picked_from_the_list(driver, logs):
+    train(logs, "bruno_sac", "PointDir-v0", 8, TINY)
+    train(logs, "recurrent_sac", "PointGoal-v0", 8, TINY)
+    with visited(driver, logs) as visit:
+        driver.find_element(By.XPATH, "//input[@value='bruno_sac  PointDir-v0  1']").click()
+        option = "//*[@role='option'][normalize-space()='recurrent_sac PointGoal-v0 1']"
+        wait_for(driver, lambda: driver.find_elements(By.XPATH, option))
+        driver.execute_script("arguments[0].click()", driver.find_element(By.XPATH, option))
+        visit.wait(r"goal x")
+        visit.wait(r"step [1-9]")
+        assert visit.page.session.env.spec.id == "PointGoal-v0"

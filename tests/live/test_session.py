@@ -228,3 +228,7 @@ def test_a_step_lasts_as_long_as_the_env_says(model, env_class, seconds):
     assert session.seconds_per_step == pytest.approx(seconds)
     session.speed = 0.5
     assert session.seconds_per_step == pytest.approx(2 * seconds)
+    for speed in (0.0, -1.0, np.inf, np.nan):
+        with pytest.raises(ValueError, match="speed"):
+            session.speed = speed
+    assert session.speed == 0.5
