@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sb3_bruno.cli.mistake import check_installed, told_as_mistake
-from sb3_bruno.cli.parser import add_gym_packages, command_parser
+from sb3_bruno.cli.parser import add_gym_packages, add_run, add_trust, command_parser
 from sb3_bruno.cli.values import seed, whole_number
 
 LARGEST_PORT = 65_535
@@ -17,13 +17,9 @@ def live(arguments: list[str]) -> None:
     example: sb3-bruno live --algo bruno_sac --env CheetahDir-v0 -f agents
     """
     parser = command_parser("live", live)
-    parser.add_argument("--algo", default="bruno_sac", help="(default: bruno_sac)")
-    parser.add_argument("--env", default="CheetahDir-v0", help="(default: CheetahDir-v0)")
+    add_run(parser, folder="logs")
     add_gym_packages(parser)
-    parser.add_argument("-f", "--folder", default="logs", help="log folder, whose agents can be chosen (default: logs)")
-    parser.add_argument(
-        "--exp-id", type=whole_number(0, also=(-1,)), default=0, help="run number, 0: the latest (default)"
-    )
+    add_trust(parser)
     parser.add_argument("--host", default="127.0.0.1", help="address to listen at (default: 127.0.0.1, this machine)")
     parser.add_argument(
         "--port", type=whole_number(1, LARGEST_PORT), default=8080, help="the next free one is taken (default: 8080)"
@@ -47,7 +43,7 @@ def live(arguments: list[str]) -> None:
         agents = {str(agent): agent for agent in (chosen, *find_agents(options.folder))}
         page = Page(
             list(agents),
-            lambda name: open_agent(agents[name], options.folder, packages, options.seed),
+            lambda name: open_agent(agents[name], options.folder, packages, seed=options.seed, trust=options.trust),
             str(chosen),
             host=options.host,
             port=options.port,

@@ -51,14 +51,29 @@ def choose_agent(algo: str, env: str, logs: str | Path, exp_id: int = 0) -> Agen
     return Agent(algo, env, exp_id or latest_finished(Path(logs) / algo, EnvironmentName(env)))
 
 
-def open_agent(agent: Agent, logs: str | Path, gym_packages: Sequence[str], seed: int) -> Session:
+def open_agent(
+    agent: Agent, logs: str | Path, gym_packages: Sequence[str] = (), *, seed: int = 0, trust: bool = False
+) -> Session:
     """Load an agent and make its environment.
 
+    Args:
+        agent: which one.
+        logs: the folder that it is in.
+        gym_packages: packages to import, besides those that the run remembers.
+        seed: of the environment.
+        trust: load pickles from any folder.
+
     Raises:
-        ValueError: if it cannot be loaded.
+        ValueError: if it cannot be loaded, or is not trusted.
     """
     trained = load_trained(
-        agent.algo, agent.env, logs, exp_id=agent.exp_id, gym_packages=gym_packages, needs_tasks=False
+        agent.algo,
+        agent.env,
+        logs,
+        exp_id=agent.exp_id,
+        gym_packages=gym_packages,
+        needs_tasks=False,
+        trust=trust,
     )
     env = make_shown(trained.make_env)
     return Session(trained.model, env, vec_normalize=trained.vec_normalize, seed=seed)

@@ -78,7 +78,7 @@ def test_what_cannot_be_made_to_paint_is_left_as_it_is(maker):
 def test_the_agents_that_come_with_the_repository_act():
     register()
     assert SHIPPED in find_agents(AGENTS)
-    session = open_agent(SHIPPED, AGENTS, [], seed=0)
+    session = open_agent(SHIPPED, AGENTS)
     session.set_task([0.0, 1.0])
     forward = [session.step() for _ in range(40)][-1]
     session.set_task([1.0, 0.0])
@@ -137,6 +137,19 @@ def test_a_missing_library_is_named_with_its_extra(run, monkeypatch):
     assert run("live")[1] == "sb3-bruno live: viser is not installed: pip install 'sb3_bruno[live]'"
 
 
+def test_a_pickle_from_elsewhere_is_opened_only_if_it_is_trusted(run, tmp_path):
+    assert run(*tiny("--eval-freq", -1, algo="recurrent_sac", env="PointDir-v0", steps=8))[1] == ""
+    run_folder = tmp_path / "logs" / "recurrent_sac" / "PointDir-v0_1"
+    for safe in run_folder.glob("*.agent"):
+        safe.unlink()
+    (tmp_path / "logs").rename(tmp_path / "found")
+    agent = Agent("recurrent_sac", "PointDir-v0", 1)
+    with pytest.raises(ValueError, match="--trust"):
+        open_agent(agent, tmp_path / "found")
+    assert open_agent(agent, tmp_path / "found", trust=True).step().step == 1
+    assert "--trust" in run("live", "-f", "found", "--algo", "recurrent_sac", "--env", "PointDir-v0")[1]
+
+
 def test_an_env_of_endless_tasks_can_be_opened(run, tmp_path, monkeypatch):
     """Such an environment has no list of tasks, so no other command tests its agent."""
     monkeypatch.syspath_prepend(tmp_path)
@@ -152,7 +165,7 @@ def test_an_env_of_endless_tasks_can_be_opened(run, tmp_path, monkeypatch):
     )
     flags = ["--gym-packages", "endless_envs", "--eval-freq", -1]
     assert run(*tiny(*flags, algo="recurrent_sac", env="Endless-v0", steps=8))[1] == ""
-    session = open_agent(Agent("recurrent_sac", "Endless-v0", 1), "logs", [], seed=0)
+    session = open_agent(Agent("recurrent_sac", "Endless-v0", 1), "logs")
     session.set_task([0.25, -0.5])
     assert session.step().task.tolist() == [0.25, -0.5] and session.env.render_mode == "rgb_array"
     session.draw_task()

@@ -92,7 +92,7 @@ class Visit:
 def visited(driver, logs):
     """The page of the first agent of a folder, in the browser."""
     agents = {str(agent): agent for agent in find_agents(logs)}
-    page = Page(list(agents), lambda name: open_agent(agents[name], logs, [], 0), next(iter(agents)), port=8321)
+    page = Page(list(agents), lambda name: open_agent(agents[name], logs), next(iter(agents)), port=8321)
     visit = Visit(driver, page)
     visit.record()
     thread = threading.Thread(target=page.run)
