@@ -11,6 +11,7 @@ from pathlib import Path
 
 import safetensors.torch
 import torch as th
+from stable_baselines3.common.base_class import maybe_make_env
 from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.common.utils import check_for_correct_spaces
 from stable_baselines3.common.vec_env import unwrap_vec_normalize
@@ -53,7 +54,7 @@ def save_agent(model: TaskInference, path: str | Path) -> None:
         raise ValueError(f"The agent cannot be saved as {str(path)!r}: {error}.") from error
 
 
-def load_agent(path: str | Path, env: GymEnv | None = None, device: th.device | str = "auto") -> TaskInference:
+def load_agent(path: str | Path, env: GymEnv | str | None = None, device: th.device | str = "auto") -> TaskInference:
     """Load an agent that ``save_agent`` saved. Nothing in the file is run, whoever wrote it.
 
     The agent acts, and tells what it believes. If its observations were normalised, it takes normalised ones:
@@ -63,14 +64,15 @@ def load_agent(path: str | Path, env: GymEnv | None = None, device: th.device | 
 
     Args:
         path: the file.
-        env: an env like that of its training, without VecNormalize, which the file brings; None for none.
+        env: an env like that of its training, or the id of one, without VecNormalize, which the file brings; None for
+            none.
         device: as in SB3.
 
     Raises:
         ValueError: if the file is not as ``save_agent`` writes it, of a newer version, or of a class that is not
             registered here; or ``env`` is not like that of its training.
     """
-    venv = None if env is None else TaskInference._wrap_env(env)
+    venv = None if env is None else TaskInference._wrap_env(maybe_make_env(env, verbose=0))
     if venv is not None and unwrap_vec_normalize(venv) is not None:
         raise ValueError("`env` has a VecNormalize, and the file brings the agent's own: give the env without it.")
     try:

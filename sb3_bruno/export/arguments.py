@@ -27,9 +27,13 @@ def arguments_of(model: TaskInference) -> dict[str, Any]:
     """Return the keyword arguments of an agent's constructor by name.
 
     Raises:
-        ValueError: if a class of the user's takes an argument that it does not keep.
+        ValueError: if a class of the user's takes an argument that it does not keep, or none of those that are needed
+            to build it again.
     """
-    arguments = {name: _kept(model, name) for name in _names(type(model)) - _NOT_KEPT - _OF_POLICY}
+    names = _names(type(model))
+    for name in sorted({*_OF_POLICY, "task_readout", "buffer_size"} - names):
+        raise ValueError(f"{type(model).__name__} takes no `{name}`: let it pass further keyword arguments on")
+    arguments = {name: _kept(model, name) for name in names - _NOT_KEPT - _OF_POLICY}
     own = {name: value for name, value in model.policy_kwargs.items() if name not in _GIVEN_BY_ALGORITHM}
     own["forget_threshold"] = model.policy.forget_threshold  # which may have been set since
     return {

@@ -24,6 +24,9 @@ COMMANDS = [
     ["record-video", "-n", 3],
 ]
 EACH = pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
+OF_EACH_KIND = pytest.mark.parametrize(
+    "command", COMMANDS[::2], ids=lambda command: command[0]
+)  # the others share code
 BEST = pytest.mark.parametrize("best", [[], ["--load-best"]], ids=["last", "best"])
 
 
@@ -63,12 +66,18 @@ def test_a_training_writes_it_beside_the_zip(trained):
 
 
 @EACH
-@BEST
 @pytest.mark.usefixtures("no_pickles")
-def test_commands_prefer_it(run, elsewhere, command, best):
+def test_commands_prefer_it(run, elsewhere, command):
     for path in (*elsewhere.glob("*.zip"), *elsewhere.rglob("*.pkl")):
         path.unlink()
-    assert run(*command, *ENV, "-f", "downloads", *best)[1] == ""
+    assert run(*command, *ENV, "-f", "downloads")[1] == ""
+
+
+@OF_EACH_KIND
+@pytest.mark.usefixtures("no_pickles")
+def test_commands_prefer_that_of_the_best_model(run, elsewhere, command):
+    (elsewhere / "PointDir-v0.agent").unlink()
+    assert run(*command, *ENV, "-f", "downloads", "--load-best")[1] == ""
 
 
 def test_a_test_of_it_is_a_test_of_the_zip(run, elsewhere):
@@ -81,7 +90,7 @@ def test_a_test_of_it_is_a_test_of_the_zip(run, elsewhere):
     assert tests[0].config == tests[1].config
 
 
-@EACH
+@OF_EACH_KIND
 @BEST
 def test_a_pickle_elsewhere_needs_trust(run, elsewhere, command, best):
     for path in elsewhere.glob("*.agent"):
@@ -104,7 +113,7 @@ def test_a_folder_of_others_agents_is_not_fetched_without_trust(run):
         assert "as a pickle" in run(*command, *ENV, "-f", "rl-trained-agents")[1]
 
 
-@pytest.mark.parametrize("command", COMMANDS[::2], ids=lambda command: command[0])
+@OF_EACH_KIND
 @pytest.mark.parametrize(
     ("file", "entries", "line"),
     [

@@ -92,11 +92,30 @@ def test_the_env_that_is_given_is_normalised_as_in_training(tmp_path):
     assert_same(steps_of(loaded, shown), steps_of(model, env))
 
 
+@pytest.mark.usefixtures("forgets_what_is_registered")
+def test_a_class_that_could_not_be_built_again_is_refused(tmp_path):
+    class Closed(BrunoSAC):
+        def __init__(self, policy, env, buffer_size=100):
+            super().__init__(policy, env, buffer_size=buffer_size)
+
+    class Forgetful(BrunoSAC):
+        def __init__(self, policy, env, colour="red", **kwargs):
+            super().__init__(policy, env, **kwargs)
+
+    for named, message in (
+        (Closed, "takes no `critic_input`.* pass"),
+        (Forgetful, "takes `colour` and keeps it nowhere"),
+    ):
+        register_agent_class(named)
+        with pytest.raises(ValueError, match=message):
+            save_agent(named("MlpPolicy", POINT), tmp_path / "point.agent")
+
+
 def test_with_an_env_it_learns_from_the_start_with_what_it_was_made_with(tmp_path):
     schedule = LinearSchedule(1e-3, 0.0, 1.0)
     model = made(BrunoSAC, make_point(), learning_rate=schedule, gamma=0.9, train_freq=(2, "step"), ent_coef="auto_0.5")
     model.learn(60)
-    loaded = again(model, tmp_path / "point.agent", make_point())
+    loaded = again(model, tmp_path / "point.agent", POINT)
     assert (loaded.gamma, tuple(loaded.train_freq), loaded.buffer_size) == (0.9, tuple(model.train_freq), 1_000)
     assert loaded.learning_rate(0.5) == schedule(0.5)
     assert_same(loaded.log_ent_coef.detach(), model.log_ent_coef.detach())
