@@ -15,6 +15,7 @@ from sb3_bruno.task_words import TaskEstimate, TaskLabels
 METADATA = "sb3_bruno"
 FORMAT = 1
 NEW_TASK, NEW_EPISODE, GOES_ON = 1.0, 0.5, 0.0  # what the step's `episode_start` says
+LARGEST = 1e9  # as in ``predict``: the square of more is infinite in float32
 GIVE = "give the .onnx file that `model.export` wrote"
 
 
@@ -159,15 +160,17 @@ def _read(name: str, given: ArrayLike, flat: tuple[int, ...], own: tuple[int, ..
     """Lay what is given out as a row, (1, dim).
 
     Raises:
-        ValueError: if it is not of the env's own shape nor flat, or no finite numbers.
+        ValueError: if it is neither of the env's own shape nor flat, or a number is none to act on.
     """
     try:
-        array = np.asarray(given, np.float32)
-    except (TypeError, ValueError) as error:
+        array = np.asarray(given)
+    except (TypeError, ValueError, RuntimeError) as error:
         raise ValueError(f"`{name}` is no array of numbers ({error}): give floats.") from error
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"`{name}` is of type {array.dtype}, no array of numbers: give floats.")
     if array.shape not in (own, flat[1:], flat):
-        raise ValueError(f"`{name}` has shape {array.shape}, expected {own or '()'} or flat, {flat[1:]}.")
-    if not np.isfinite(array).all():
-        place = np.flatnonzero(~np.isfinite(array.ravel()))[0]
-        raise ValueError(f"`{name}` is {array.ravel()[place]} at index {place}: give finite numbers.")
-    return array.reshape(flat)
+        raise ValueError(f"`{name}` has shape {array.shape}, expected {own} or flat, {flat[1:]}.")
+    wrong = np.flatnonzero(~(np.abs(array.ravel()) <= LARGEST))
+    if len(wrong):
+        raise ValueError(f"`{name}` is {array.ravel()[wrong[0]]} at index {wrong[0]}: give finite numbers up to 1e9.")
+    return array.reshape(flat).astype(np.float32)

@@ -38,7 +38,7 @@ def describe(model: TaskInference, step: Step) -> dict[str, Any]:
             {"name": name, "shape": list(shape), "start": int(start)}
             for (name, shape), start in zip(step.parts.items(), starts, strict=False)
         ],
-        "forget_threshold": step.forget_threshold,
+        "forget_threshold": _number(step.forget_threshold),
         "task": None if step.readout is None else _task(model, step.readout),
     }
 
@@ -56,4 +56,9 @@ def _box(space: Any) -> dict[str, Any]:
 
 
 def _bounds(bounds: Any) -> list[float | None]:
-    return [float(bound) if np.isfinite(bound) else None for bound in bounds.ravel()]
+    return [_number(bound) for bound in bounds.ravel()]
+
+
+def _number(number: Any) -> float | None:
+    """JSON has no infinity."""
+    return None if number is None or not np.isfinite(number) else float(number)

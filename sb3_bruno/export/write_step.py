@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import json
 import logging
 import re
@@ -44,6 +45,7 @@ def export_agent(model: TaskInference, path: str | Path, *, vec_normalize: VecNo
         The path.
 
     Raises:
+        ImportError: if a library that writes ONNX is missing.
         ValueError: if the suffix is another, the path cannot be written, or the agent cannot be exported: its weights
             are not finite, or its encoder uses what the file cannot hold.
     """
@@ -60,6 +62,8 @@ def export_agent(model: TaskInference, path: str | Path, *, vec_normalize: VecNo
         if not weights.isfinite().all():
             raise ValueError(f"The agent's weights {name!r} are not finite, for its training diverged: train it again.")
     check_writable(path)
+    if path.suffix == ".onnx":
+        _check_installed("onnx", "onnxscript", "onnxruntime")
     normalize = model.get_vec_normalize_env() if vec_normalize is None else vec_normalize
     with _traceable():
         step = Step(model.policy, normalize)
@@ -69,6 +73,12 @@ def export_agent(model: TaskInference, path: str | Path, *, vec_normalize: VecNo
             write(step, program, json.dumps(describe(model, step), allow_nan=False), part)
             _check(step, part)
     return path
+
+
+def _check_installed(*libraries: str) -> None:
+    for library in libraries:
+        if importlib.util.find_spec(library) is None:
+            raise ImportError(f"{library} is not installed: pip install 'sb3_bruno[export]', or export to .pt.")
 
 
 def _follow(step: Step) -> ExportedProgram:

@@ -90,6 +90,17 @@ def test_torchscript_acts_alike_too(forgetful, exported):
         np.testing.assert_allclose(surprise.item(), agent.surprise(), atol=1e-4)
 
 
+@pytest.mark.parametrize("case", ["recurrent", "supervised_belief", "causal_transformer", "CrossQ", "Student-t"])
+def test_the_exporter_finds_that_torchscript_acts_alike(case, tmp_path):
+    model_of(case).export(tmp_path / "agent.pt")
+
+
+def test_a_threshold_out_of_reach_is_exported_too(tmp_path):
+    model = BrunoSAC("MlpPolicy", POINT, **{**TINY, "encoder_kwargs": BARE})
+    model.policy.forget_threshold = float("inf")
+    model.export(tmp_path / "agent.pt")
+
+
 def test_an_encoder_that_samples_is_given_its_noise(tmp_path, monkeypatch):
     kwargs = {"belief": "sample", "exploration_episodes": 1}
     model = PearlSAC("MlpPolicy", TRIAL, **{**TINY, "encoder_kwargs": kwargs})

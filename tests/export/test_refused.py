@@ -83,3 +83,9 @@ def test_an_agent_that_diverged_is_refused(tmp_path):
 def test_another_model_is_refused(tmp_path):
     with pytest.raises(ValueError, match="`model` is a str"):
         export_agent("agent", tmp_path / "agent.onnx")
+
+
+def test_a_library_that_is_missing_is_named(plain, tmp_path, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(ImportError, match=r"onnx is not installed: pip install 'sb3_bruno\[export\]'"):
+        plain.export(tmp_path / "agent.onnx")
