@@ -31,8 +31,6 @@ Panels = dict[str, dict[str, Band]]
 
 _FAR = 5.0  # times as much as the others
 
-OVER_SEEDS = "Line: mean. Band: middle half of the seeds."
-
 
 def draw_page(methods: Methods, out: Path) -> None:
     """Draw all figures that the records allow, into a page's folder. Those of an earlier page go."""
@@ -44,18 +42,18 @@ def draw_page(methods: Methods, out: Path) -> None:
 
 
 def _draw_learning(methods: Methods, path: Path) -> None:
-    plot_bands(learning_bands(methods), path, "environment steps of training", "test return", OVER_SEEDS)
+    plot_bands(learning_bands(methods), path, "environment steps of training", "test return", _note(methods))
 
 
 def _draw_wall_time(methods: Methods, path: Path) -> None:
     clocked = {name: runs for name, runs in methods.items() if all(map(_has_clock, runs))}
     if clocked:
-        plot_bands(learning_bands(clocked, by_clock=True), path, "minutes of training", "test return", OVER_SEEDS)
+        plot_bands(learning_bands(clocked, by_clock=True), path, "minutes of training", "test return", _note(methods))
 
 
 def _draw_rewards(methods: Methods, path: Path) -> None:
     panels, borders = reward_bands(methods), _borders(methods)
-    plot_bands(panels, path, "environment step", "reward", OVER_SEEDS, first=FIRST_STEPS, borders=borders)
+    plot_bands(panels, path, "environment step", "reward", _note(methods), first=FIRST_STEPS, borders=borders)
 
 
 def _draw_regret(methods: Methods, path: Path) -> None:
@@ -63,7 +61,7 @@ def _draw_regret(methods: Methods, path: Path) -> None:
     panels = regret_bands(methods)
     if panels:
         y = f"reward behind\n“{ORACLE}”, summed"
-        note = f"{OVER_SEEDS} A line that leaves the picture goes on."
+        note = f"{_note(methods)} A line that leaves the picture goes on."
         top, borders = _highest(panels), _borders(methods)
         plot_bands(panels, path, "environment step", y, note, borders=borders, highest=top)
 
@@ -86,7 +84,7 @@ def _draw_tasks(methods: Methods, path: Path) -> None:
         measure = shared_measures(methods)[-1]
         title, bands = f"final test, {measure_title(measure)}", task_bands(methods, measure, axis)
         is_positive = all((band.low > 0).all() for band in bands.values())
-        plot_bands({title: bands}, path, axis.x, axis.y, OVER_SEEDS, log=axis.is_miss and is_positive)
+        plot_bands({title: bands}, path, axis.x, axis.y, _note(methods), log=axis.is_miss and is_positive)
 
 
 _FIGURES: dict[str, Callable[[Methods, Path], None]] = {
@@ -167,6 +165,13 @@ def _rewards(methods: Methods) -> dict[str, dict[str, pd.DataFrame]]:
                 title = panel_title("" if task == ALL_TASKS else task, methods)
                 tables.setdefault(title, {})[name] = pd.concat(curves, axis=1)
     return tables
+
+
+def _note(methods: Methods) -> str:
+    """Say what lines and bands are."""
+    if all(len(runs) == 1 for runs in methods.values()):
+        return "One seed."
+    return "Line: mean. Band: middle half of the seeds."
 
 
 def _borders(methods: Methods) -> list[float]:
