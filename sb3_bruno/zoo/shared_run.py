@@ -17,6 +17,7 @@ from sb3_bruno.files.whole import whole_file
 from sb3_bruno.runs.folder import AGENT_FILE
 from sb3_bruno.runs.origin import ORIGIN, load_command
 from sb3_bruno.runs.record import RunRecord
+from sb3_bruno.zoo.called import with_names
 from sb3_bruno.zoo.registry import ALGORITHMS
 from sb3_bruno.zoo.saved_run import SavedRun
 from sb3_bruno.zoo.trained import TrainedAgent
@@ -38,7 +39,7 @@ def pack(agent: TrainedAgent, out: Path, record: Path | None, sections: dict[str
     model, env = agent.model, EnvironmentName(agent.config["env"])
     if not isinstance(model, TaskInference):
         raise ValueError(f"--algo {agent.config['algo']} infers no task, so there is no agent file of it")
-    known = RunRecord.load(record) if record is not None else RunRecord.from_run(agent.folder)
+    known = with_names(RunRecord.load(record) if record is not None else RunRecord.from_run(agent.folder))
     for name in ("algo", "env", "env_steps", "seed"):
         if known.about["config"].get(name) != agent.config[name]:
             told = f"{name} {known.about['config'].get(name)}, and the agent of {agent.config[name]}"
