@@ -161,7 +161,6 @@ def test_a_robot_moves_in_3d_and_its_task_by_a_slider(driver, logs):
         visit.wait(r"Hidden task: 2\.5 m/s")
         visit.wait(r"velocity .* true 2\.5|true 2\.5")
         assert visit.page.session.env.unwrapped.velocity == 2.5
-        driver.save_screenshot("/tmp/vel.png")
 
 
 @pytest.mark.slow
@@ -175,7 +174,6 @@ def test_somebodys_own_env_is_shown_by_charts_alone_and_what_it_refuses_is_told(
         assert visit.page.session.task.tolist() == [0.25]
         visit.click("Draw a test task")
         wait_for(driver, lambda: visit.page.session.task.tolist() != [0.25])
-        driver.save_screenshot("/tmp/own.png")
 
 
 @pytest.mark.slow
