@@ -152,6 +152,7 @@ def load_agent(options: argparse.Namespace) -> TrainedAgent:
             exp_id=options.exp_id,
             load_best=options.load_best,
             split=options.split,
+            tasks=options.tasks,
             steps=options.steps,
             gym_packages=options.gym_packages,
             trust=options.trust,
@@ -170,6 +171,7 @@ def _file_of(options: argparse.Namespace, agent: TrainedAgent, name: str) -> Pat
         return folder / name
     chosen = {
         f"{options.steps}_steps": options.steps is not None,
+        f"{options.tasks}_set": options.tasks is not None,
         f"{options.split}_tasks": options.split != "test",
         "stochastic": vars(options).get("stochastic", False),
         "best": options.load_best,

@@ -21,7 +21,7 @@ def export(arguments: list[str]) -> None:
     parser = command_parser("export", export)
     add_agent(parser)
     parser.add_argument("--out", type=exported_file, default=Path("agent.onnx"), help="the file (default: agent.onnx)")
-    parser.set_defaults(split="test", steps=None)  # which only a test would choose
+    parser.set_defaults(split="test", tasks=None, steps=None)  # which only a test would choose
     options = parser.parse_args(arguments)
     check_installed(*(["onnxscript", "onnxruntime"] if options.out.suffix == ".onnx" else []), extra="export")
 

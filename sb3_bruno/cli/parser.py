@@ -107,6 +107,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--episodes", type=at_least_one, default=10, help="per task (default: 10)")
     parser.add_argument("--steps", type=at_least_one, help="of each episode (default: the environment's own)")
     parser.add_argument("--split", choices=["train", "test"], default="test", help="which tasks (default: test)")
+    parser.add_argument("--tasks", metavar="NAME", help="a set of tasks that the family names, such as beyond")
     parser.add_argument("--seed", type=seed, default=0, help="of the environments (default: 0)")
 
 

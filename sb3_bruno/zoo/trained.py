@@ -69,6 +69,7 @@ def load_trained(
     exp_id: int = 0,
     load_best: bool = False,
     split: str = "test",
+    tasks: str | None = None,
     steps: int | None = None,
     gym_packages: Sequence[str] = (),
     needs_tasks: bool = True,
@@ -83,6 +84,7 @@ def load_trained(
         exp_id: the run's number, 0 for the latest that has come to its end.
         load_best: load the best model of the run instead of the last.
         split: the tasks to test on, "train" or "test".
+        tasks: a set of tasks that the family names, such as "beyond"; None for those that the run was trained with.
         steps: length of a test episode; None for the environment's own.
         gym_packages: packages to import, besides those that the run remembers.
         needs_tasks: whether the environment must have a list of tasks; False for who tests nothing.
@@ -90,8 +92,8 @@ def load_trained(
 
     Raises:
         ValueError: if no agent can be loaded, or not with the statistics that it was trained with; if all runs are
-            unfinished and ``exp_id`` chooses none; if its environment has no list of tasks, and ``needs_tasks``; if
-            ``steps`` would cut a trial; or if what would be run is not trusted.
+            unfinished and ``exp_id`` chooses none; if its environment has no list of tasks, and ``needs_tasks``, or no
+            set of the name ``tasks``; if ``steps`` would cut a trial; or if what would be run is not trusted.
     """
     package, _, env = env.rpartition(":")
     packages = [*gym_packages, *([package] if package else [])]
@@ -115,6 +117,11 @@ def load_trained(
     env_kwargs = saved.env_kwargs
     if takes(env, "split"):
         env_kwargs["split"] = split
+    trained_on = dict(env_kwargs)
+    if tasks is not None:
+        if not takes(env, "tasks"):
+            raise ValueError(f"--tasks {tasks}: {env} has one set of tasks: leave it out")
+        env_kwargs["tasks"] = tasks
     if steps is not None:
         env_kwargs["max_episode_steps"] = steps
     wrap = get_wrapper_class(saved.hyperparams)
@@ -123,6 +130,8 @@ def load_trained(
         return make_env(env, {**env_kwargs, **more}, wrap)
 
     test = _test_tasks(make_test_env, env, split, is_needed=needs_tasks)
+    if tasks is not None:
+        test = _beside_training(test, make_env(env, trained_on, wrap))
     if steps is not None and test.n_inner > 1:
         raise ValueError(f"--steps {steps}: a trial is as long as its {test.n_inner} episodes, so leave it out")
     model = stored.load(algo, trust=trust)
@@ -132,6 +141,7 @@ def load_trained(
         **saved.choices(algo, env),
         "env": env,
         "split": split,
+        **({} if tasks is None else {"tasks": tasks}),
         "env_steps": model.num_timesteps,
         "seed": model.seed,
         "wall_seconds": None if clock is None else float(clock.seconds[-1]),
@@ -185,10 +195,24 @@ def _test_tasks(make_env: MakeEnv, env_id: str, split: str, *, is_needed: bool) 
         if len(tasks) == 0 and is_needed:
             remedy = "give its MetaTask a TaskSet, or an array of tasks"
             raise ValueError(f"--env {env_id}: the environment has no list of {split} tasks to test on: {remedy}")
-        listed = len(tasks) > 0
-        is_inside = getattr(env.get_wrapper_attr("task_distribution"), "inside_train_box", None) if listed else None
-        inside = np.ones(len(tasks), dtype=bool) if is_inside is None else is_inside(tasks)
         n_inner = env.get_wrapper_attr("n_episodes") if env.has_wrapper_attr("n_episodes") else 1
-        return TestTasks(tasks, tasks_of(env, "train"), inside, n_inner)
+        return TestTasks(tasks, tasks_of(env, "train"), _inside(env, tasks), n_inner)
     finally:
         env.close()
+
+
+def _beside_training(test: TestTasks, trained: gym.Env[Any, Any]) -> TestTasks:
+    """Compare the tasks of a named set with those of the training, in whose environment they are told apart."""
+    try:
+        return test._replace(train=tasks_of(trained, "train"), inside=_inside(trained, test.tasks))
+    finally:
+        trained.close()
+
+
+def _inside(env: gym.Env[Any, Any], tasks: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Tell which tasks lie between the training tasks of an environment; all, where it cannot tell."""
+    if len(tasks) == 0:
+        return np.ones(0, dtype=bool)
+    is_inside = getattr(env.get_wrapper_attr("task_distribution"), "inside_train_box", None)
+    inside: NDArray[np.bool_] = np.ones(len(tasks), dtype=bool) if is_inside is None else is_inside(tasks)
+    return inside

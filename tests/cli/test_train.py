@@ -24,6 +24,7 @@ from sb3_bruno.zoo.configs import DEFAULT, config_file, config_name, configs_fol
 from sb3_bruno.zoo.registry import ALGORITHMS
 from sb3_bruno.zoo.saved_yaml import read_saved
 from sb3_bruno_envs import CHEETAH_VEL_TASKS
+from sb3_bruno_envs.classic.wind import WIND
 from support.tiny_runs import tiny
 
 CONFIGS = sorted(configs_folder().rglob("*.yml"))
@@ -141,6 +142,16 @@ def test_evaluate_tests_on_the_split_asked_for(run, tmp_path):
         found = AdaptationResult.load(tmp_path / "adaptation.json")
         np.testing.assert_array_equal(found.tasks, CHEETAH_VEL_TASKS.tasks(split))
         assert found.config["split"] == split
+
+
+def test_evaluate_tests_on_a_named_set_of_the_family(run, tmp_path):
+    assert run(*tiny("--eval-freq", -1, env="Wind-v0", steps=20))[1] == ""
+    flags = ["--env", "Wind-v0", "--episodes", 1, "--steps", 1]
+    run("evaluate", *flags, "--tasks", "beyond")
+    found = AdaptationResult.load(tmp_path / "logs" / "bruno_sac" / "Wind-v0_1" / "adaptation_1_steps_beyond_set.json")
+    np.testing.assert_array_equal(found.tasks, WIND.task_sets["beyond"].tasks("test"))
+    assert found.config["tasks"] == "beyond" and not any(found.config["inside_train_box"])
+    assert "beyonds" in run("evaluate", *flags, "--tasks", "beyonds")[1]
 
 
 def test_evaluate_draws_actions_if_asked_to_the_same_for_a_seed(run, logs, tmp_path):
