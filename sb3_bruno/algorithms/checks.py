@@ -136,10 +136,10 @@ def check_buffer(buffer: ReplayBuffer | None, model: OffPolicyAlgorithm, encoder
 
 def family_of(env: VecEnv | None) -> str | None:
     """Name the env family that an env is of: the id that it was registered with; None if there is none."""
-    if env is None or not env.has_attr("spec"):
+    if env is None or not env.has_attr("family_id"):
         return None
-    spec = env.get_attr("spec", 0)[0]
-    return None if spec is None else str(spec.id)
+    family_id: str | None = env.get_attr("family_id", 0)[0]
+    return family_id
 
 
 def check_family(buffer: ReplayBuffer | None, env: VecEnv | None) -> None:

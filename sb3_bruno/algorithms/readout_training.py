@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import torch as th
+from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.common.utils import update_learning_rate
 from torch import Tensor
 
 from sb3_bruno.algorithms.encoder_training import EncoderTraining
-from sb3_bruno.algorithms.task_estimate import TaskLabels, few_tasks, read_labels
+from sb3_bruno.algorithms.task_estimate import TaskLabels, few_tasks, list_tasks, read_labels
 from sb3_bruno.algorithms.values import check_whole
 from sb3_bruno.buffers.sampled_episodes import sample_episodes
 from sb3_bruno.buffers.transfer import to_device
-from sb3_bruno.encoders.task_readout import TaskReadout
+from sb3_bruno.encoders.task_readout import ListReadout, TaskReadout
 
 EVERY = 8
 """Updates of the actor-critic for each of the read-out."""
@@ -81,7 +83,7 @@ class ReadoutTraining(EncoderTraining):
         super()._record({**scalars, **read})  # all in one transfer
 
     def fit_readout(self, n_updates: int = 1_000) -> None:
-        """Train the read-out of the task alone, on the replay buffer; make one if the agent has none.
+        """Train the read-out of the task alone, on the replay buffer; make one if there is none, or of other tasks.
 
         For an agent that was trained without one, and to fit it closer once the encoder has come to rest.
 
@@ -100,13 +102,32 @@ class ReadoutTraining(EncoderTraining):
         check_whole("n_updates", n_updates, 1)
         if self.replay_buffer is None or self.replay_buffer.size() == 0:
             raise ValueError("The replay buffer is empty: collect transitions, or load a replay buffer first.")
-        if self.policy.readout is None:
+        if self.policy.readout is None or self._has_other_tasks():
             self._add_readout()
         assert self.policy.readout is not None  # for mypy: it was added
-        for done in range(n_updates):
-            update_learning_rate(self.readout_optimizer, LEARNING_RATE * (1 - done / n_updates))
-            self._train_readout(self.policy.readout, 1)
-        update_learning_rate(self.readout_optimizer, LEARNING_RATE)
+        try:
+            for done in range(n_updates):
+                update_learning_rate(self.readout_optimizer, LEARNING_RATE * (1 - done / n_updates))
+                self._train_readout(self.policy.readout, 1)
+        finally:
+            update_learning_rate(self.readout_optimizer, LEARNING_RATE)
+
+    def _has_other_tasks(self) -> bool:
+        """Tell whether the env has tasks that are none of the few that the read-out tells apart."""
+        readout = self.policy.readout
+        if self.env is None or not isinstance(readout, ListReadout):
+            return False
+        tasks, known = list_tasks(self.env), readout.tasks.tolist()
+        return tasks is None or any(task not in known for task in tasks)
+
+    def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
+        super().set_env(env, force_reset)
+        if self._has_other_tasks():
+            warnings.warn(
+                "The env has tasks that the agent's read-out does not know, and takes for those that it knows: once "
+                "transitions are collected, `fit_readout` learns another.",
+                stacklevel=2,
+            )
 
     def _add_readout(self) -> None:
         if self.env is None:

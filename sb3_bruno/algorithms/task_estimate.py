@@ -8,35 +8,47 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.task_words import TaskEstimate, TaskLabels
 
-__all__ = ["FEW_TASKS", "TaskEstimate", "TaskLabels", "few_tasks", "read_labels"]
+__all__ = ["FEW_TASKS", "TaskEstimate", "TaskLabels", "few_tasks", "list_tasks", "read_labels"]
 
+LONGEST_NAME = 100
+"""Characters of a name that are kept."""
 FEW_TASKS = 8
 """Up to so many tasks are told apart one by one, where there are no others."""
 
 
 def few_tasks(env: VecEnv) -> NDArray[np.float32] | None:
-    """List all tasks of an env, (n_tasks, task_dim), if these are few; None if they are many, or the env has no list.
+    """List all tasks of all envs, (n_tasks, task_dim), if these are few; None if they are many, or an env has no list.
 
-    Tasks of the test must be among those of training: else there are others than can be listed.
+    Tasks of the test must be among those of training: else there are others than can be listed. The list is asked for,
+    not the distribution that it is of: that may hold a function, which does not come out of another process.
     """
-    if not env.has_attr("task_distribution"):
+    tasks = list_tasks(env)
+    return np.array(tasks, dtype=np.float32) if tasks is not None and 1 < len(tasks) <= FEW_TASKS else None
+
+
+def list_tasks(env: VecEnv) -> list[list[float]] | None:
+    """List the tasks of all envs together, if each env has few; None if one has many, or no list."""
+    if not env.has_attr("list_tasks"):
         return None
-    listed = getattr(env.get_attr("task_distribution", 0)[0], "tasks", None)
-    if not callable(listed):
+    listed = env.env_method("list_tasks", FEW_TASKS)
+    if any(tasks is None for tasks in listed):
         return None
-    train, test = ({tuple(row) for row in np.asarray(listed(split)).tolist()} for split in ("train", "test"))
-    if not 1 < len(train) <= FEW_TASKS or not test <= train:
-        return None
-    return np.array(list(dict.fromkeys(map(tuple, np.asarray(listed("train")).tolist()))), dtype=np.float32)
+    return [list(task) for task in dict.fromkeys(tuple(task) for tasks in listed for task in tasks)]
 
 
 def read_labels(env: VecEnv, tasks: NDArray[np.float32] | None) -> TaskLabels:
     """Ask an env what its tasks are called; those that it does not name are called by their numbers."""
     entries = env.get_attr("task_entries", 0)[0] if env.has_attr("task_entries") else None
     names, units = zip(*entries, strict=True) if entries else ((), ())
-    return TaskLabels(tuple(names), tuple(units), () if tasks is None else tuple(_name(env, task) for task in tasks))
+    called = () if tasks is None else tuple(_one_line(_name(env, task)) for task in tasks)
+    return TaskLabels(tuple(map(_one_line, names)), tuple(map(_one_line, units)), called)
 
 
 def _name(env: VecEnv, task: NDArray[np.float32]) -> str:
     named = env.env_method("name_of", task, indices=0)[0] if env.has_attr("name_of") else None
     return named or f"({', '.join(f'{value:g}' for value in task.tolist())})"
+
+
+def _one_line(name: str) -> str:
+    """Write a name on one line, without what cannot be printed, and not at any length."""
+    return " ".join("".join(char if char.isprintable() else " " for char in name).split())[:LONGEST_NAME]

@@ -162,8 +162,8 @@ class ListReadout(TaskReadout):
     def forward(self, features: Tensor) -> Reading:
         probabilities = self.logits(self._joined(features)).softmax(dim=-1)
         mean = probabilities @ self.tasks
-        var = probabilities @ self.tasks.square() - mean.square()
-        return Reading(mean, var.clamp(min=0).sqrt(), probabilities)
+        var = (probabilities.unsqueeze(-1) * (self.tasks - mean.unsqueeze(-2)).square()).sum(dim=-2)
+        return Reading(mean, var.sqrt(), probabilities)
 
     def loss(self, features: Tensor, tasks: Tensor, counts: Tensor, is_spared: Tensor) -> Tensor:
         if self.training:

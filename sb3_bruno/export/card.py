@@ -70,6 +70,8 @@ def _returns(record: RunRecord) -> str:
         "|---" * (1 + len(measures)) + "|",
     ]
     for name, tasks in groups.items():
+        if len(tasks) == 0:
+            continue  # as between training tasks, where all tests lie outside
         means = [f"{scores[measure][tasks].mean():,.1f}" for measure in measures]
         lines.append("| " + " | ".join([str(name), *means]) + " |")
     n_episodes = record.episodes.groupby("task").size().max()

@@ -14,6 +14,7 @@ LARGEST_TEXT = 2**20  # bytes of a member that is text
 LARGEST_TENSORS = 2**28  # bytes of all tensors
 LARGEST_TENSOR = 2**27  # bytes
 LARGEST_SPACE = 100_000  # numbers in a space
+LARGEST_DICT = 100  # spaces in a space
 LARGEST_BUFFER = 10_000_000  # transitions
 LARGEST_COUNT = 1_000_000  # any whole number that shapes a network
 

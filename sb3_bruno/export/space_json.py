@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from sb3_bruno.export.limits import LARGEST_DICT, LARGEST_SPACE
 from sb3_bruno.export.plain import read_dtype, read_number, read_shape, to_plain
 
 
@@ -47,7 +49,16 @@ def read_space(plain: Any) -> spaces.Space[Any]:
     """
     kind = plain.get("kind") if isinstance(plain, dict) else None
     if kind == "Dict" and set(plain) == {"kind", "spaces"} and isinstance(plain["spaces"], dict):
-        return spaces.Dict(OrderedDict((key, read_box(entry)) for key, entry in plain["spaces"].items()))
+        if len(plain["spaces"]) > LARGEST_DICT:
+            raise ValueError(f"a Dict has {len(plain['spaces']):,} spaces, and {LARGEST_DICT} are allowed")
+        boxes: OrderedDict[str, spaces.Space[Any]] = OrderedDict()
+        n_numbers = 0
+        for key, entry in plain["spaces"].items():
+            box = boxes[key] = read_box(entry)
+            n_numbers += math.prod(box.shape)
+            if n_numbers > LARGEST_SPACE:
+                raise ValueError(f"a Dict has more than {LARGEST_SPACE:,} numbers")
+        return spaces.Dict(boxes)
     return read_box(plain)
 
 

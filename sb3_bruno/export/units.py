@@ -68,4 +68,5 @@ class ActionBounds(nn.Module):
 
     def unscale(self, scaled: Tensor) -> Tensor:
         """Map [-1, 1] to the env's actions, (..., dim) each, as SB3's policies do."""
-        return self.low + 0.5 * (scaled + 1) * (self.high - self.low)
+        unscaled = self.low + 0.5 * (scaled + 1) * (self.high - self.low)
+        return unscaled.clamp(self.low, self.high)  # which rounding may exceed

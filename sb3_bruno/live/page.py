@@ -137,7 +137,7 @@ class Page:
         """Do something. If it fails, tell all visitors why; an agent that cannot go on pauses."""
         try:
             act()
-        except ValueError as error:
+        except Exception as error:  # an environment of the user's own may raise anything
             self.session.is_paused |= act == self._go_on
             self._panel.show(self._moment)
             for client in self.server.get_clients().values():

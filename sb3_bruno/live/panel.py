@@ -76,7 +76,8 @@ class Panel:
         session = self._session
         with gui.add_folder("Forgetting"):
             forgets = gui.add_checkbox("Notice a switch", True, hint="off: the agent never forgets")
-            nats = gui.add_slider("Evidence, nats", 1.0, 50.0, 0.5, session.forget_threshold or NATS)
+            began_with = min(max(session.forget_threshold or NATS, 1.0), 50.0)  # the slider's ends
+            nats = gui.add_slider("Evidence, nats", 1.0, 50.0, 0.5, began_with)
 
         def apply() -> None:
             session.forget_threshold = value_of(nats) if forgets.value else None

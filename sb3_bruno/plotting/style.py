@@ -71,6 +71,13 @@ def plot_bands(
         log: whether the vertical axis is logarithmic.
         highest: lines leave the picture above this value; None draws all.
     """
+    panels = {
+        title: known
+        for title, bands in panels.items()
+        if (known := {name: band for name, band in bands.items() if len(band.x) > 0 and not np.isnan(band.mean).all()})
+    }
+    if not panels:
+        return  # as of runs that share no evaluation
     names = dict.fromkeys(name for bands in panels.values() for name in bands)
     colors = dict(zip(names, cycle(COLORS), strict=False))  # a name has the same colour in all panels
     last = max(float(band.x[-1]) for bands in panels.values() for band in bands.values())

@@ -34,6 +34,8 @@ def with_names(record: RunRecord) -> RunRecord:
 def _naming(env_id: str) -> Naming | None:
     """Ask an environment how it names tasks, and nothing that is none; None if it does not, or cannot be made."""
     importlib.import_module("sb3_bruno_envs")
+    if env_id not in gym.registry:  # Gymnasium would import what stands before a colon
+        return None
     try:
         env = gym.make(env_id)
     except gym.error.Error:

@@ -93,7 +93,12 @@ def _flat(settings: Mapping[str, Any], path: str = "") -> dict[str, Any]:
 
 
 def _read_config(algo: str, conf: str | None) -> dict[str, Any]:
-    """Read the config that a run chose, by environment. Return nothing if it is gone or not in YAML."""
+    """Read the config that a run chose, by environment. Return nothing if it is gone or not in YAML.
+
+    No package is looked for, since to look for ``a.b`` imports a, and the run may be a stranger's.
+    """
+    if conf is not None and "." in conf and not conf.endswith((".yml", ".yaml")):
+        return {}
     try:
         return read_configs(config_file(algo, conf))
     except ValueError:

@@ -13,11 +13,24 @@ from stable_baselines3.common.buffers import BaseBuffer
 
 from sb3_bruno.zoo.one_line import in_one_line
 
+LARGEST = 200_000  # bytes
+MOST_ALIASES = 20
 NAMED = (th.nn.Module, th.optim.Optimizer, BaseBuffer)  # what a hyperparameter may name a class of
 
 
 class SavedLoader(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
     """Load plain values, tuples, the OrderedDict that RL Zoo saves, and the names of known kinds of classes."""
+
+    n_aliases = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
+        """Compose a node. RL Zoo writes few aliases; a page of them can stand for more than memory holds."""
+        if self.check_event(yaml.AliasEvent):
+            self.n_aliases += 1
+            if self.n_aliases > MOST_ALIASES:
+                mark = self.peek_event().start_mark
+                raise yaml.composer.ComposerError(None, None, f"it has more than {MOST_ALIASES} aliases", mark)
+        return super().compose_node(parent, index)
 
     def ordered_dict(self, node: yaml.Node) -> OrderedDict[str, Any]:
         """Construct what ``yaml.dump`` writes for an OrderedDict: a sequence that holds its items."""
@@ -55,9 +68,11 @@ def read_saved(path: Path) -> dict[str, Any]:
     """
     if not path.is_file():
         raise ValueError(f"{path.parent} has no {path.name}, which `sb3-bruno train` writes: train there")
+    if path.stat().st_size > LARGEST:
+        raise ValueError(f"{path} cannot be read: it has more than {LARGEST:,} bytes, as no settings have: train again")
     try:
         saved = yaml.load(path.read_text(encoding="utf-8"), Loader=SavedLoader)  # a SafeLoader
-    except (yaml.YAMLError, ValueError, TypeError) as error:
+    except Exception as error:  # a damaged or hostile file may raise anything
         raise ValueError(f"{path} cannot be read: {in_one_line(error)}: train again") from error
     if not isinstance(saved, dict):
         raise ValueError(f"{path} cannot be read: it holds no settings by name: train again")

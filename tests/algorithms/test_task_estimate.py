@@ -1,16 +1,20 @@
 """An agent tells the task in the task's own units and in words, and teaching that changes nothing else."""
 
+import warnings
+from functools import partial
+
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch as th
 from gymnasium.spaces import Box
 from stable_baselines3.common.env_util import make_vec_env
-from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNormalize
 
 from sb3_bruno import BrunoSAC, Transitions
 from sb3_bruno.algorithms.readout_training import N_STEPS, _draw_columns
 from sb3_bruno.algorithms.task_estimate import TaskEstimate, TaskLabels
-from sb3_bruno_envs import TaskSampler
+from sb3_bruno_envs import MetaTask, PointDirEnv, TaskSampler, TransitionObservation
 from support.tiny_models import ALGORITHMS, POINT, TINY, TINY_ENCODER, TRIAL
 
 GOAL = "sb3_bruno_envs:PointGoal-v0"
@@ -173,3 +177,48 @@ def test_columns_are_prefixes_that_the_row_has():
     assert columns[:, :3].tolist() == [[1, 5, 20]] * 3
     assert counts[:, :3].tolist() == [[1, 0, 0], [1, 1, 1], [0, 0, 0]]
     assert (counts[:, 3:] == 1).all()
+
+
+def pendulum(tasks):
+    def set_gravity(env, task):
+        env.g = float(task[0])
+
+    return lambda: TransitionObservation(MetaTask(gym.make("Pendulum-v1", max_episode_steps=20), set_gravity, tasks))
+
+
+@pytest.mark.parametrize("endless", [False, True])
+def test_envs_of_other_processes_may_hold_functions(endless):
+    tasks = TaskSampler(lambda rng: rng.uniform(5, 15, size=1), Box(5, 15, (1,))) if endless else [[8.0], [12.0]]
+    env = SubprocVecEnv([pendulum(tasks)] * 2, start_method="fork")
+    model = learned(env=env, steps=50)
+    assert (model.task_labels.tasks == ()) == endless
+    env.close()
+
+
+def test_the_tasks_are_those_of_all_envs():
+    sets = [[[1.0, 0.0], [-1.0, 0.0]], [[0.0, 1.0], [0.0, -1.0]]]
+    makers = [partial(gym.make, POINT, tasks=tasks, task_space=Box(-1, 1, (2,))) for tasks in sets]
+    model = BrunoSAC("MlpPolicy", DummyVecEnv(makers), **TINY, **TINY_ENCODER["bruno"])
+    assert model.task_labels.tasks == ("right", "left", "up", "down")
+
+
+def test_other_tasks_are_warned_of_and_learned_anew():
+    model = learned()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.set_env(make_vec_env(POINT, 1, env_kwargs={"tasks": [[1.0, 0.0]]}))
+    with pytest.warns(UserWarning, match="fit_readout"):
+        model.set_env(make_vec_env(POINT, 1, env_kwargs={"tasks": [[0.0, 1.0], [0.0, -1.0]]}))
+    model.learn(40, reset_num_timesteps=False)
+    model.fit_readout(2)
+    assert model.task_labels.tasks == ("up", "down")
+    assert model.task_estimate(model.predict(model.get_env().reset())[1]).probabilities.shape == (1, 2)
+
+
+def test_a_name_stays_on_its_line():
+    def name_task(task):
+        return "left\n turn" if task[0] < 0 else "r" * 300
+
+    env = MetaTask(PointDirEnv(), PointDirEnv.set_task, [[-1.0, 0.0], [1.0, 0.0]], name_task=name_task)
+    model = BrunoSAC("MlpPolicy", TransitionObservation(env), **TINY, **TINY_ENCODER["bruno"])
+    assert model.task_labels.tasks == ("left turn", "r" * 100)

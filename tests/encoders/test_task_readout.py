@@ -117,3 +117,10 @@ def test_making_one_draws_no_random_numbers_of_others():
     th.manual_seed(0)
     make_readout(encoder, 2, [[0.0, 1.0], [1.0, 0.0]])
     th.testing.assert_close(th.rand(3), expected, atol=0, rtol=0)
+
+
+def test_the_spread_of_few_tasks_is_right_however_far_from_0_they_are():
+    readout = ListReadout(4, th.tensor([[1e6], [1e6 + 1]])).eval()
+    th.nn.init.zeros_(readout.logits.weight)
+    th.nn.init.zeros_(readout.logits.bias)
+    th.testing.assert_close(readout(th.zeros(3, 4)).std, th.full((3, 1), 0.5))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -87,8 +88,10 @@ def test_tasks_of_old_records_are_called_as_their_env_does() -> None:
         *("2.051 m/s", "1 m/s", "3 m/s", "0.5 m/s"),
         "7",  # no task of that environment
     ]
-    for kept in (new, record(0.0, ["1", "2"], env="Unknown-v0"), record(0.0, ["1", "2"], env="CartPole-v1")):
+    strangers = [record(0.0, ["1", "2"], env=env) for env in ("Unknown-v0", "CartPole-v1", "antigravity:Zen-v0", ":")]
+    for kept in (new, *strangers):
         assert with_names(kept) is kept
+    assert "antigravity" not in sys.modules
 
 
 def test_a_method_far_off_the_others_squeezes_none(tmp_path: Path) -> None:
@@ -106,3 +109,11 @@ def test_a_page_keeps_no_figure_of_an_earlier_one(tmp_path: Path) -> None:
     (tmp_path / "diagnostics.png").touch()
     draw_page({"BrunoSAC": [record(0.0, SPEEDS[:2])]}, tmp_path)
     assert {path.stem for path in tmp_path.iterdir()} == {"learning_curves", "adaptation", "diagnostics"}
+
+
+def test_runs_that_share_no_evaluation_have_no_learning_curve(tmp_path: Path) -> None:
+    early, late = record(-9.0), record(-8.0)
+    late.learning["timesteps"] = 10
+    draw_page({"BrunoSAC": [early, late]}, tmp_path)
+    assert {path.stem for path in tmp_path.iterdir()} >= {"adaptation", "tasks"}
+    assert not (tmp_path / "learning_curves.png").exists()

@@ -35,6 +35,7 @@ from support.agent_zips import (
 
 MOST_MEMORY = 100 * 2**20  # bytes
 MANY = 10**12
+LARGE = {"kind": "Box", "low": 0, "high": 1, "shape": [100_000], "dtype": "float64"}
 SPACES = ("observation_space", "spaces", "observation")
 NESTED = "[" * 100_000 + "]" * 100_000
 ARCHIVES = {
@@ -155,6 +156,14 @@ JSONS = {
     "a space of objects": put(*SPACES, "dtype", value="object"),
     "a space of another kind": put("action_space", value={"kind": "Discrete", "n": 2}),
     "a space that is a number": put("task_space", value=3),
+    "many large spaces": put(
+        "observation_space",
+        value={"kind": "Dict", "spaces": {f"k{i}": dict(LARGE) for i in range(90)}},
+    ),
+    "a Dict of many spaces": put(
+        "observation_space",
+        value={"kind": "Dict", "spaces": {f"k{i}": {**LARGE, "shape": [1]} for i in range(9_000)}},
+    ),
     "an observation that is no Dict": lambda plain: put("observation_space", value=plain["action_space"])(plain),
     "a Dict in a Dict": lambda plain: put(*SPACES, value=copy.deepcopy(plain["observation_space"]))(plain),
     "a key of the observation missing": drop("observation_space", "spaces", "reward"),

@@ -45,6 +45,11 @@ def test_what_a_run_saves_comes_back(tmp_path):
         ("[1, 2]", "it holds no settings by name"),
         ("", "it holds no settings by name"),
         ("a: \0", "ReaderError"),
+        ('a: !!bool "x"', "KeyError"),
+        ('a: !!timestamp "x"', "AttributeError"),
+        ("a: " + "[" * 5_000, "RecursionError"),
+        ("a: &a [1]\nb: [" + "*a, " * 30 + "]", "more than 20 aliases"),
+        ("a: [" + "1, " * 100_000 + "]", "more than 200,000 bytes"),
     ],
 )
 @pytest.mark.parametrize("name", ["args.yml", "config.yml"])
@@ -73,3 +78,11 @@ def test_nobody_reads_yaml_in_a_way_that_calls_what_it_holds():
     sources = [path for folder in ("sb3_bruno", "envs", "benchmarks") for path in (ROOT / folder).rglob("*.py")]
     words = ("unsafe_load", "full_load", "yaml.UnsafeLoader", "yaml.Loader", "yaml.FullLoader", " eval(", " exec(")
     assert not [(path.name, word) for path in sources for word in words if word in path.read_text()]
+
+
+def test_a_config_that_a_run_names_is_not_imported(tmp_path, monkeypatch):
+    (tmp_path / "evil").mkdir()
+    (tmp_path / "evil" / "__init__.py").write_text("raise SystemExit('run')")
+    monkeypatch.syspath_prepend(tmp_path)
+    arguments = {"conf_file": "evil.x", "env_kwargs": {}, "hyperparams": {}}
+    assert SavedRun(arguments, {"n_timesteps": 9}).choices("bruno_sac", "PointDir-v0")["params"] == {}

@@ -148,6 +148,20 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return self._distribution
 
     @property
+    def family_id(self) -> str | None:
+        """Return the id that the environment was made by; None if it has none. It is no spec: those hold functions."""
+        spec = self.unwrapped.spec
+        return None if spec is None else spec.id
+
+    def list_tasks(self, most: int) -> list[list[float]] | None:
+        """List the training tasks if these are at most so many, and those of the test among them; else None."""
+        if not isinstance(self._distribution, TaskSet) or len(self._distribution.tasks("train")) > most:
+            return None
+        train = dict.fromkeys(map(tuple, self._distribution.tasks("train").tolist()))
+        test = set(map(tuple, self._distribution.tasks("test").tolist()))
+        return [list(task) for task in train] if test <= train.keys() else None
+
+    @property
     def task(self) -> Task:
         """Return the task of the current episode, ``(dim,)``.
 
