@@ -16,9 +16,9 @@ def find_test(run: Path) -> tuple[Path, AdaptationResult]:
     """Return the folder of a run and its test.
 
     Args:
-        run: the file of the test; or the folder, of whose tests on the agent as it was trained last the longest
-            counts, and of equally long ones that with the shortest name: ``adaptation.json`` before
-            ``adaptation_stochastic.json``.
+        run: the file of the test; or the folder. Of its tests on the agent as it was trained last, those on the test
+            tasks of its own training come first; of these the longest counts, and of equally long ones that with the
+            shortest name: ``adaptation.json`` before ``adaptation_stochastic.json``.
 
     Raises:
         ValueError: if there is no test, or one is damaged.
@@ -31,8 +31,10 @@ def find_test(run: Path) -> tuple[Path, AdaptationResult]:
     for path, test in tests.items():
         check_config(test.config, path, len(test.tasks))
 
-    def rank(path: Path) -> tuple[int, int, int]:
-        return tests[path].config["env_steps"], tests[path].horizon, -len(path.name)
+    def rank(path: Path) -> tuple[int, bool, int, int]:
+        config = tests[path].config
+        is_own = config.get("split", "test") == "test" and config.get("tasks") is None
+        return config["env_steps"], is_own, tests[path].horizon, -len(path.name)
 
     return run, tests[max(tests, key=rank)]
 

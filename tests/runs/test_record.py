@@ -67,9 +67,12 @@ def test_of_several_tests_the_longest_counts_or_the_one_that_is_named(tmp_path: 
         ("adaptation_30_steps", 30, {}),
         ("adaptation_stochastic", 210, {"deterministic": False}),
         ("adaptation_of_less_training", 210, {"env_steps": 200}),
+        ("adaptation_train_tasks", 300, {"split": "train"}),
+        ("adaptation_beyond_set", 300, {"tasks": "beyond"}),
     ):
         config = {**result.config, **config}
-        AdaptationResult(result.tasks, result.rewards[..., :horizon], config).save(run / f"{name}.json")
+        rewards = np.pad(result.rewards, [(0, 0), (0, 0), (0, 90)])[..., :horizon]
+        AdaptationResult(result.tasks, rewards, config).save(run / f"{name}.json")
     assert RunRecord.from_run(run).method == "bruno_sac" and RunRecord.from_run(run).measures[-1] == "return_210"
     assert RunRecord.from_run(run / "adaptation_stochastic.json").method == "bruno_sac (stochastic)"
 
