@@ -56,12 +56,16 @@ class TaskReadout(nn.Module, ABC):
 
     @staticmethod
     def features(encoder: TaskEncoder, memory: Any) -> Tensor:
-        """Return what is read, (..., feature_dim): mean and log-variance of the posterior; without one, the belief."""
+        """Return what is read, (..., feature_dim): mean and log-variance of the posterior; without them, the belief."""
         if not isinstance(encoder, HasPosterior):
             return encoder.belief(memory)
         posterior = encoder.posterior(memory)
-        log_var = posterior.variance.clamp(min=th.finfo(th.float32).tiny).log()
-        return th.cat([posterior.mean, log_var.clamp(-LARGEST_LOG_VAR, LARGEST_LOG_VAR)], dim=-1)
+        try:
+            mean, var = posterior.mean, posterior.variance
+        except NotImplementedError:  # of a distribution that knows them not, such as a flow's
+            return encoder.belief(memory)
+        log_var = var.clamp(min=th.finfo(th.float32).tiny).log()
+        return th.cat([mean, log_var.clamp(-LARGEST_LOG_VAR, LARGEST_LOG_VAR)], dim=-1)
 
     def read(self, encoder: TaskEncoder, memory: Any) -> Reading:
         """Read the task off a memory, batch shape (...)."""

@@ -47,7 +47,7 @@ def export_agent(model: TaskInference, path: str | Path, *, vec_normalize: VecNo
     Raises:
         ImportError: if a library that writes ONNX is missing.
         ValueError: if the suffix is another, the path cannot be written, or the agent cannot be exported: its weights
-            are not finite, or its encoder uses what the file cannot hold.
+            are not finite, its encoder uses what the file cannot hold, or ``vec_normalize`` is none of its env.
     """
     path = Path(path)
     if path.suffix not in SUFFIXES:
@@ -65,6 +65,7 @@ def export_agent(model: TaskInference, path: str | Path, *, vec_normalize: VecNo
     if path.suffix == ".onnx":
         _check_installed("onnx", "onnxscript", "onnxruntime")
     normalize = model.get_vec_normalize_env() if vec_normalize is None else vec_normalize
+    _check_normalization(normalize, model)
     with _traceable():
         step = Step(model.policy, normalize)
         program = _follow(step)
@@ -222,3 +223,20 @@ def _traceable() -> Iterator[None]:
     finally:
         Distribution.set_default_validate_args(checks)
         loud.setLevel(level)
+
+
+def _check_normalization(normalize: Any, model: TaskInference) -> None:
+    """Refuse what is no VecNormalize of the agent's observations."""
+    if normalize is None:
+        return
+    remedy = "give what `VecNormalize.load` returns for the statistics that it was trained with"
+    if not isinstance(normalize, VecNormalize):
+        raise ValueError(f"`vec_normalize={normalize!r:.80}` is no VecNormalize: {remedy}.")
+    given, own = (_shapes(space) for space in (normalize.observation_space, model.observation_space))
+    if given != own:
+        raise ValueError(f"`vec_normalize` is of observations of shapes {given}, the agent's have {own}: {remedy}.")
+
+
+def _shapes(space: Any) -> dict[str, Any]:
+    """Return the shapes of a Dict, by key; of another space, its own."""
+    return {key: entry.shape for key, entry in getattr(space, "spaces", {"": space}).items()}

@@ -124,3 +124,15 @@ def test_the_spread_of_few_tasks_is_right_however_far_from_0_they_are():
     th.nn.init.zeros_(readout.logits.weight)
     th.nn.init.zeros_(readout.logits.bias)
     th.testing.assert_close(readout(th.zeros(3, 4)).std, th.full((3, 1), 0.5))
+
+
+def test_a_posterior_without_moments_is_left_to_the_belief():
+    class Flow(RandomFeatures):
+        def posterior(self, memory):
+            return th.distributions.TransformedDistribution(
+                th.distributions.Normal(memory.total, 1.0), [th.distributions.ExpTransform()]
+            )
+
+    encoder = Flow(3, 1)
+    memory = encoder.empty((2,))
+    assert th.equal(TaskReadout.features(encoder, memory), encoder.belief(memory))

@@ -1,7 +1,9 @@
 """What cannot be exported is refused before a file is written, with the encoder, the operation and the remedy."""
 
+import gymnasium as gym
 import pytest
 import torch as th
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_bruno.algorithms.sac import TaskSAC
 from sb3_bruno.encoders import RandomFeatures
@@ -89,3 +91,11 @@ def test_a_library_that_is_missing_is_named(plain, tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(ImportError, match=r"onnx is not installed: pip install 'sb3_bruno\[export\]'"):
         plain.export(tmp_path / "agent.onnx")
+
+
+@pytest.mark.parametrize("given", ["statistics.pkl", DummyVecEnv([lambda: gym.make(POINT)]), "other"])
+def test_what_is_no_normalisation_of_the_agent_is_refused(given, tmp_path):
+    other = VecNormalize(DummyVecEnv([lambda: gym.make("sb3_bruno_envs:PointGoal-v0")]))
+    model = TaskSAC("MlpPolicy", POINT, encoder_class="random_features", **TINY)
+    with pytest.raises(ValueError, match="`vec_normalize"):
+        model.export(tmp_path / "agent.onnx", vec_normalize=other if given == "other" else given)

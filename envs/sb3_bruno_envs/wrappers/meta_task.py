@@ -207,7 +207,8 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def switch_task(self, task: ArrayLike) -> dict[str, Any]:
         """Switch to another task in mid-episode: the next step is the first one of it.
 
-        Nothing is reset. What a task says of an episode's beginning counts from the next reset on.
+        Nothing is reset. What a task says of an episode's beginning counts from the next reset on. It is for tests and
+        films: a replay buffer takes an episode for one task's.
 
         Args:
             task: ``(dim,)``, in ``task_space``.
