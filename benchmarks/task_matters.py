@@ -78,7 +78,8 @@ def floor(env_id: str, at_random: bool) -> Row:
 
 def train(env_id: str, config: str, seed: int, n_timesteps: int) -> Row:
     """Train SAC with one of `zoo_configs/`, and test it."""
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() as temporary:
+        folder = str(Path(temporary) / "logs")  # whose runs the commands trust
         common = ["--algo", "sac", "--env", env_id, "-f", folder]
         own = ["-conf", config, "--seed", str(seed), "-n", str(n_timesteps), "--eval-freq", "-1", "--verbose", "0"]
         for command in (["train", *common, *own], ["evaluate", *common, "--episodes", str(N_EPISODES)]):
