@@ -45,17 +45,21 @@ class KeptRuns:
         self._read()  # another process may have made some meanwhile
         self.rows.setdefault(name, {})[str(seed)] = row
         self._commits.setdefault(name, {})[str(seed)] = self._about["versions"].get("commit", "unknown")
-        if self._path is not None:
-            kept = {**self._about, "runs": self.rows, "commits": self._commits}
-            self._path.write_text(json.dumps(kept, indent=1) + "\n")
+        self._keep()
 
     def write_table(self, lines: list[str], note: str) -> None:
         """Print the lines of a table, and write them beside the JSON file, with a note on what they are."""
         print("\n".join(lines))
+        self._keep()
         if self._path is not None:
             commits = sorted({commit for by_seed in self._commits.values() for commit in by_seed.values()})
             made_by = f"Made by `{self._about['command']}`, {self._about['versions']}; commits {', '.join(commits)}."
             self._path.with_suffix(".md").write_text("\n".join(lines) + f"\n\n{note} {made_by}\n")
+
+    def _keep(self) -> None:
+        if self._path is not None:
+            kept = {**self._about, "runs": self.rows, "commits": self._commits}
+            self._path.write_text(json.dumps(kept, indent=1) + "\n")
 
     def _read(self) -> None:
         if self._path is None or not self._path.is_file():

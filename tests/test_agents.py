@@ -20,7 +20,7 @@ RECORDS = {
 
 
 def chosen(agent):
-    """The flags that choose an agent, but for its folder."""
+    """The flags that choose an agent, without its folder."""
     algo, run = agent.split("/")
     env, number = run.rsplit("_", 1)
     return ["--algo", algo, "--env", env, "--exp-id", number]

@@ -74,7 +74,7 @@ def _factorise(matrix: Value) -> tuple[Value, Value, Value]:
         if j + 1 < size:
             rest = op.Gemm(op.Div(rows[-1], pivots[-1]), rows[-1], rest, alpha=-1.0, transA=1)
     whole = op.Div(op.Concat(*rows, axis=0), op.Sqrt(op.Concat(*pivots, axis=0)))
-    turned = op.Trilu(_slice(whole, 0, size, axis=1), upper=1)  # what was eliminated is 0 but for the rounding
+    turned = op.Trilu(_slice(whole, 0, size, axis=1), upper=1)  # what was eliminated is 0 up to rounding
     factor, inverse = op.Transpose(turned, perm=[1, 0]), _slice(whole, size, 2 * size, axis=1)
     shape = [*batch, size, size]
     return _reshaped(factor, shape), _reshaped(inverse, shape), _constant(np.zeros(batch, np.int32))
