@@ -97,7 +97,7 @@ def diagnose(arguments: list[str]) -> None:
     parser = command_parser("diagnose", diagnose)
     add_arguments(parser)
     parser.add_argument(
-        "--out", type=writable_folder, help="where diagnostics.npz and .png go (default: the run's folder)"
+        "--out", type=writable_folder, help="where diagnostics.npz, .txt and .png go (default: the run's folder)"
     )
     options = parser.parse_args(arguments)
     check_installed("matplotlib", "scipy")
@@ -105,6 +105,7 @@ def diagnose(arguments: list[str]) -> None:
     from sb3_bruno.algorithms.task_inference import TaskInference
     from sb3_bruno.diagnostics.diagnose import diagnose as measure
     from sb3_bruno.diagnostics.figure import plot_diagnostics
+    from sb3_bruno.files.whole import whole_file
 
     agent = load_agent(options)
     if not isinstance(agent.model, TaskInference):
@@ -126,9 +127,11 @@ def diagnose(arguments: list[str]) -> None:
         )
     kept = _file_of(options, agent, "diagnostics")
     found.save(kept.with_suffix(".npz"))
+    with whole_file(kept.with_suffix(".txt")) as part:
+        part.write_text(found.summary() + "\n", encoding="utf-8")
     plot_diagnostics(found, kept.with_suffix(".png"))
     print(found.summary())
-    print(f"Saved {kept.with_suffix('.npz')} and {kept.with_suffix('.png')}")
+    print(f"Saved {kept.with_suffix('.npz')}, .txt and .png")
 
 
 def load_agent(options: argparse.Namespace) -> TrainedAgent:

@@ -44,7 +44,7 @@ def pack(arguments: list[str]) -> None:
             gym_packages=options.gym_packages,
             trust=options.trust,
         )
-        folder = pack_agent(agent, options.out, options.record, _diagnosed(agent.folder))
+        folder = pack_agent(agent, options.out, options.record)
     print(f"Saved {folder}")
 
 
@@ -105,11 +105,3 @@ def _check_hub() -> None:
     check_installed("rl_zoo3")
     if importlib.util.find_spec("huggingface_hub") is None:
         raise Mistake("huggingface_hub is not installed: pip install 'sb3_bruno[hub]'")
-
-
-def _diagnosed(run: Path) -> dict[str, str]:
-    """Return what ``diagnose`` found about a run, as a section of its card; nothing if it was not asked."""
-    from sb3_bruno.diagnostics.result import Diagnostics
-
-    path = run / "diagnostics.npz"
-    return {"How far its belief can be trusted": Diagnostics.load(path).summary()} if path.is_file() else {}

@@ -17,7 +17,7 @@ def write_card(
     *,
     class_name: str,
     has_picture: bool,
-    sections: Mapping[str, str] | None = None,
+    diagnosed: str = "",
 ) -> str:
     """Write a card in Markdown.
 
@@ -26,7 +26,7 @@ def write_card(
         command: the arguments of ``sb3-bruno train`` that started the run; none if nobody knows.
         class_name: of its algorithm.
         has_picture: whether ``PICTURE`` lies beside the card.
-        sections: further sections: plain text by heading.
+        diagnosed: what ``sb3-bruno diagnose`` found; "" if it was not asked.
     """
     config = record.about["config"]
     algo, env = config["algo"], config["env"]
@@ -41,7 +41,7 @@ def write_card(
         f"```bash\nsb3-bruno enjoy -f agents --algo {algo} --env {env}\n```",
         f'```python\nfrom sb3_bruno.export import load_agent\n\nagent = load_agent("{env}.agent")\n```',
         "The file holds JSON and tensors alone, so that loading it runs no code of its author.",
-        *(f"## {heading}\n\n```text\n{text.strip()}\n```" for heading, text in (sections or {}).items()),
+        *([f"## How far its belief can be trusted\n\n```text\n{diagnosed.strip()}\n```"] if diagnosed else []),
         "## How it was made",
         _made(record, command),
         "`sb3-bruno pack` wrote this card from the record of the run.",

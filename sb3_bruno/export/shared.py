@@ -10,7 +10,8 @@ from sb3_bruno.export.card import PICTURE
 from sb3_bruno.runs.folder import AGENT_FILE
 from sb3_bruno.runs.origin import ORIGIN
 
-CARD = "README.md"
+CARD, DIAGNOSED = "README.md", "diagnostics.txt"
+_FURTHER = (ORIGIN, PICTURE, DIAGNOSED)
 _ENV = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
@@ -32,7 +33,7 @@ def shared_files(folder: Path, env: str) -> list[str]:
     for name in needed_files(env):
         if not (folder / name).is_file():
             raise ValueError(f"{folder} has no {name}: make such a folder from a run by `sb3-bruno pack`")
-    return [*needed_files(env), *(name for name in (ORIGIN, PICTURE) if (folder / name).is_file())]
+    return [*needed_files(env), *(name for name in _FURTHER if (folder / name).is_file())]
 
 
 def check_names(names: Iterable[str], place: str) -> str:
@@ -53,7 +54,7 @@ def check_names(names: Iterable[str], place: str) -> str:
     if len(agents) != 1 or not _ENV.fullmatch(agents[0]):
         raise ValueError(f"{place} holds {len(agents)} agent files with plain names, not one: give another")
     needed = set(needed_files(agents[0]))
-    for name in sorted(found - needed - {ORIGIN, PICTURE}):
+    for name in sorted(found - needed - set(_FURTHER)):
         raise ValueError(f"{place} holds {name!r:.80}, which is no file of an agent: give another")
     for name in sorted(needed - found):
         raise ValueError(f"{place} lacks {name}: give another")

@@ -12,7 +12,7 @@ from rl_zoo3.utils import get_latest_run_id
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.export import load_agent, save_agent
 from sb3_bruno.export.card import PICTURE, write_card
-from sb3_bruno.export.shared import CARD, check_names, shared_files
+from sb3_bruno.export.shared import CARD, DIAGNOSED, check_names, shared_files
 from sb3_bruno.files.whole import whole_file
 from sb3_bruno.runs.folder import AGENT_FILE
 from sb3_bruno.runs.origin import ORIGIN, load_command
@@ -24,14 +24,13 @@ from sb3_bruno.zoo.trained import TrainedAgent
 from sb3_bruno.zoo.trust import check_settings
 
 
-def pack(agent: TrainedAgent, out: Path, record: Path | None, sections: dict[str, str]) -> Path:
+def pack(agent: TrainedAgent, out: Path, record: Path | None) -> Path:
     """Make a folder of an agent that can be shared.
 
     Args:
         agent: the agent, of a run that was tested.
         out: the folder of agents to put it in.
         record: the folder of its record, as ``sb3-bruno report`` makes it; None for the tests in its run.
-        sections: further sections of its card: plain text by heading.
 
     Raises:
         ValueError: if the agent infers no task, is no plain data, or was not tested.
@@ -50,7 +49,7 @@ def pack(agent: TrainedAgent, out: Path, record: Path | None, sections: dict[str
     try:
         model._vec_normalize_env = agent.vec_normalize
         save_agent(model, folder / f"{env}{AGENT_FILE}")
-        for name in (f"{env}/args.yml", f"{env}/config.yml", ORIGIN):
+        for name in (f"{env}/args.yml", f"{env}/config.yml", ORIGIN, DIAGNOSED):
             if (agent.folder / name).is_file():
                 shutil.copyfile(agent.folder / name, folder / name)
         if picture.is_file():
@@ -61,7 +60,7 @@ def pack(agent: TrainedAgent, out: Path, record: Path | None, sections: dict[str
             load_command(folder) if has_origin else (),
             class_name=type(model).__name__,
             has_picture=picture.is_file(),
-            sections=sections,
+            diagnosed=_read(folder / DIAGNOSED),
         )
         with whole_file(folder / CARD) as part:
             part.write_text(card, encoding="utf-8")
@@ -113,6 +112,11 @@ def take_in(fetched: Path, out: Path, place: str, packages: Sequence[str]) -> Pa
     folder.parent.mkdir(parents=True, exist_ok=True)
     shutil.copytree(fetched, folder)
     return folder
+
+
+def _read(path: Path) -> str:
+    """Read a text; "" if there is none."""
+    return path.read_text(encoding="utf-8") if path.is_file() else ""
 
 
 def _next(out: Path, algo: str, env: str) -> Path:

@@ -21,6 +21,7 @@ FILES = {
     "PointDir-v0/config.yml",
     "README.md",
     "adaptation.png",
+    "diagnostics.txt",
     "sb3_bruno_origin.json",
 }
 
