@@ -25,9 +25,10 @@ class Controller:
     Args:
         path: the ``.onnx`` file that ``model.export`` wrote.
         seed: of the noise of an encoder that samples. None: a random one; other agents draw nothing.
-        n_threads: of onnxruntime. One is fastest for networks of this size, and leaves the others alone.
+        n_threads: of onnxruntime, 1 or more. One is fastest for networks of this size, and leaves the others alone.
 
     Attributes:
+        path: the file.
         metadata: what the file says of itself: who made it, shapes and bounds, names and units.
         observation_shape: of what ``act`` takes.
         action_low: the least of each action, in the shape of an action.
@@ -37,7 +38,8 @@ class Controller:
             None if the agent predicts nothing.
 
     Raises:
-        ValueError: if the file is no agent exported by this package, or by a later version of it.
+        ValueError: if the file is no agent exported by this package, or by a later version of it; or ``n_threads`` is
+            no positive number.
 
     Example:
         >>> controller = Controller("agent.onnx")
@@ -47,18 +49,22 @@ class Controller:
     """
 
     def __init__(self, path: str | Path, *, seed: int | None = None, n_threads: int = 1) -> None:
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = n_threads
-        self._session = _open(Path(path), options)
+        if isinstance(n_threads, bool) or not isinstance(n_threads, int | np.integer) or n_threads < 1:
+            raise ValueError(f"`n_threads={n_threads!r}` is no positive whole number: give 1, or more cores.")
+        self.path, self._n_threads = Path(path).absolute(), n_threads
+        self._session = _open(self.path, n_threads)
         self.metadata = _read_metadata(self._session, path)
-        self.observation_shape = tuple(self.metadata["observation"]["shape"])
-        shape = self.metadata["action"]["shape"]
-        self.action_low = np.array(self.metadata["action"]["low"], np.float32).reshape(shape)
-        self.action_high = np.array(self.metadata["action"]["high"], np.float32).reshape(shape)
-        self.surprise: float | None = None
         self._outputs = self.metadata["outputs"]
+        try:
+            self.observation_shape = tuple(self.metadata["observation"]["shape"])
+            shape = self.metadata["action"]["shape"]
+            self.action_low = np.array(self.metadata["action"]["low"], np.float32).reshape(shape)
+            self.action_high = np.array(self.metadata["action"]["high"], np.float32).reshape(shape)
+            self._inputs = {name: np.zeros(size, np.float32) for name, size in self.metadata["inputs"].items()}
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"`path={str(path)!r}` describes itself wrongly ({error!r}): {GIVE}.") from error
+        self.surprise: float | None = None
         self._generator = np.random.default_rng(seed)
-        self._inputs = {name: np.zeros(size, np.float32) for name, size in self.metadata["inputs"].items()}
         self._told: dict[str, NDArray[np.float32]] = {}
         self.reset()
 
@@ -122,6 +128,14 @@ class Controller:
             TaskLabels(tuple(task["names"]), tuple(task["units"]), tuple(task["task_names"])),
         )
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but the session, which opens the file anew where a copy goes."""
+        return {name: value for name, value in vars(self).items() if name != "_session"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._session = _open(self.path, self._n_threads)
+
     def _begin(self, start: float) -> None:
         inputs = self._inputs
         inputs["episode_start"] = np.full((1, 1), start, np.float32)
@@ -132,9 +146,11 @@ class Controller:
             self.surprise, self._told = None, {}
 
 
-def _open(path: Path, options: onnxruntime.SessionOptions) -> onnxruntime.InferenceSession:
+def _open(path: Path, n_threads: int) -> onnxruntime.InferenceSession:
     if not path.is_file():
-        raise ValueError(f"`path={str(path)!r}` does not exist: {GIVE}.")
+        raise ValueError(f"`path={str(path)!r}` {'is no file' if path.exists() else 'does not exist'}: {GIVE}.")
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = n_threads
     try:
         return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's own, of a file that is none of its
@@ -147,12 +163,18 @@ def _read_metadata(session: onnxruntime.InferenceSession, path: str | Path) -> d
         raise ValueError(
             f"`path={str(path)!r}` is no agent of sb3_bruno: give the .onnx file that `model.export` wrote."
         )
-    metadata: dict[str, Any] = json.loads(kept)
-    if metadata["format"] > FORMAT:
+    try:
+        metadata: dict[str, Any] = json.loads(kept)
+        is_later = metadata["format"] > FORMAT
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ValueError(f"`path={str(path)!r}` describes itself wrongly ({error!r}): {GIVE}.") from error
+    if is_later:
         raise ValueError(
             f"`path={str(path)!r}` is of format {metadata['format']}, this version of sb3_bruno reads up to {FORMAT}: "
             "install a later one."
         )
+    if metadata.get("outputs") != [output.name for output in session.get_outputs()]:
+        raise ValueError(f"`path={str(path)!r}` describes other outputs than it has: {GIVE}.")
     return metadata
 
 
@@ -166,6 +188,8 @@ def _read(name: str, given: ArrayLike, flat: tuple[int, ...], own: tuple[int, ..
         array = np.asarray(given)
     except (TypeError, ValueError, RuntimeError) as error:
         raise ValueError(f"`{name}` is no array of numbers ({error}): give floats.") from error
+    if isinstance(given, dict):
+        raise ValueError(f"`{name}` is a dict: give the vector that `gymnasium.spaces.flatten` makes of it.")
     if array.dtype.kind not in "biuf":
         raise ValueError(f"`{name}` is of type {array.dtype}, no array of numbers: give floats.")
     if array.shape not in (own, flat[1:], flat):

@@ -147,14 +147,21 @@ class Page:
         """Show another agent.
 
         Raises:
-            ValueError: if it cannot be loaded; the page then stays as it is.
+            Exception: whatever keeps it from being loaded or shown; the page then stays as it is.
         """
         if name == self._chosen:
             return
+        before = self._chosen, self.session
         session = self._open_session(name)
-        self.session.close()
         self._chosen, self.session = name, session
-        self._build()
+        try:
+            self._build()
+        except Exception:
+            self.session.close()
+            self._chosen, self.session = before
+            self._build()
+            raise
+        before[1].close()
 
     def _build(self) -> None:
         """Build the page for its session."""

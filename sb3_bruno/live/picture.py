@@ -22,6 +22,9 @@ class PictureScene:
     Args:
         server: the page's server, whose scene is empty.
         env: an environment with ``render_mode="rgb_array"``, which has been reset.
+
+    Raises:
+        ValueError: if it paints no picture.
     """
 
     view = View(position=(0.0, -2.4, 0.0), look_at=(0.0, 0.0, 0.0))
@@ -46,13 +49,26 @@ class PictureScene:
         self._is_old = True
 
     def draw(self, progress: float) -> None:
-        """Show the picture as it is now."""
+        """Show the picture as it is now.
+
+        Raises:
+            ValueError: if the environment has painted none.
+        """
         if self._is_old:
             self._picture.image = self._image()
             self._is_old = False
 
     def _image(self) -> NDArray[np.uint8]:
         """Paint the environment, each pixel a block if there are few."""
-        image = np.asarray(self._env.render(), dtype=np.uint8)
+        image = np.asarray(self._env.render())
+        if image.ndim != 3 or image.shape[-1] not in (3, 4) or image.size == 0 or image.dtype.kind not in "iu":
+            remedy = "have `render` return its pixels, (height, width, 3) in uint8"
+            raise ValueError(f"{self._env} painted {_described(image)}: {remedy}.")
+        image = image[..., :3].astype(np.uint8)
         factor = -(-_FEWEST_PIXELS // len(image))
         return np.pad(image.repeat(factor, axis=0).repeat(factor, axis=1), _BORDER, constant_values=_GREY)
+
+
+def _described(image: NDArray[Any]) -> str:
+    """Say what is no picture."""
+    return "nothing" if image.dtype == object else f"an array of shape {image.shape} in {image.dtype}"

@@ -33,6 +33,9 @@ def telling(algorithm: Algorithm) -> Algorithm:
         ) -> tuple[NDArray[Any], State | None]:
             actions, state = super().predict(observation, state, episode_start, deterministic)
             begins = self._n_transitions < 0 or (episode_start is not None and bool(np.ravel(episode_start)[0]))
+            is_inner = isinstance(observation, dict) and bool(np.ravel(observation["episode_start"])[0])
+            if is_inner and not begins:  # another episode of a trial: no transition led to it
+                return actions, state
             self._n_transitions = 0 if begins else self._n_transitions + 1
             is_due = self._n_transitions in TOLD or self._n_transitions % 100 == 0
             if self.policy.readout is not None and state is not None and is_due:

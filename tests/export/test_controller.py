@@ -1,6 +1,7 @@
 """The controller: what it needs, what it tells, and what it refuses."""
 
 import json
+import pickle
 import subprocess
 import sys
 
@@ -144,6 +145,7 @@ def test_a_new_task_stays_one_if_an_episode_is_started_too(controller):
         ({"observation": ["0.1", "0.2"]}, "`observation` is of type <U3, no array of numbers"),
         ({"observation": [0.1, 0.2j]}, "`observation` is of type complex128"),
         ({"observation": None}, "`observation` is of type object"),
+        ({"observation": {"eye": [0.1], "ear": [0.2]}}, "`observation` is a dict: give the vector"),
         ({"observation": [0.1, -1e300]}, r"`observation` is -1e\+300 at index 1: give finite numbers up to 1e9"),
         ({"observation": [0.1, 0.2], "reward": None}, "`reward` is of type object"),
         ({"observation": [[0.1], [0.2, 0.3]]}, "`observation` is no array of numbers"),
@@ -163,6 +165,40 @@ def test_what_is_no_step_is_refused_and_changes_nothing(controller, given, told)
     np.testing.assert_array_equal(controller.act([0.3, 0.2], 1.0), after)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"format": "1"},
+        {"outputs": None},
+        {"outputs": ["next_action"]},
+        {"action": None},
+        {"action": {"shape": [3], "low": [-1.0, -1.0], "high": [1.0, 1.0]}},
+        {"observation": {"shape": 2}},
+        {"inputs": {"observation": "wide"}},
+        {"inputs": []},
+    ],
+)
+def test_a_file_that_describes_itself_wrongly_is_refused(exported, tmp_path, change):
+    model = onnx.load(exported / "agent.onnx")
+    model.metadata_props[0].value = json.dumps({**json.loads(model.metadata_props[0].value), **change})
+    onnx.save(model, tmp_path / "odd.onnx")
+    with pytest.raises(ValueError, match=r"describes itself wrongly|describes other outputs"):
+        Controller(tmp_path / "odd.onnx")
+
+
+@pytest.mark.parametrize("n_threads", [0, -1, "2", 1.5, True, None])
+def test_threads_are_a_positive_number(exported, n_threads):
+    with pytest.raises(ValueError, match=r"`n_threads=.*` is no positive whole number"):
+        Controller(exported / "agent.onnx", n_threads=n_threads)
+
+
+def test_a_copy_goes_on_where_the_controller_was(controller):
+    for _ in range(3):
+        controller.act([0.1, 0.2], 1.0)
+    copied = pickle.loads(pickle.dumps(controller))
+    np.testing.assert_array_equal(copied.act([0.3, 0.2], 1.0), controller.act([0.3, 0.2], 1.0))
+
+
 def test_a_file_that_is_no_agent_is_refused(exported, tmp_path):
     model = onnx.load(exported / "agent.onnx")
     about = json.loads(model.metadata_props[0].value)
@@ -174,7 +210,7 @@ def test_a_file_that_is_no_agent_is_refused(exported, tmp_path):
     (tmp_path / "text.onnx").write_text("no agent")
     for path, told in {
         tmp_path / "missing.onnx": "does not exist",
-        tmp_path: "does not exist",
+        tmp_path: "is no file",
         tmp_path / "text.onnx": "cannot be run by onnxruntime",
         exported / "agent.pt": "cannot be run by onnxruntime",
         tmp_path / "other.onnx": "is no agent of sb3_bruno",
