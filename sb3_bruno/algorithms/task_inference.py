@@ -130,7 +130,6 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         self._carried: Carried | None = None
         self._next_carried: Carried | None = None
         self._task_labels = TaskLabels()
-        self._readout_due = 0
         self._readout_scalars: Mapping[str, th.Tensor] = {}
         inference = {
             "encoder_class": encoder_class,
@@ -282,18 +281,14 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         reset_num_timesteps: bool = True,
         progress_bar: bool = False,
     ) -> SelfTaskInference:
-        """Learn as in SB3. The TensorBoard run is named after the class unless ``tb_log_name`` names it.
+        """Learn as in SB3, then settle the read-out. TensorBoard's run is named after the class, or ``tb_log_name``.
 
         Raises:
             TypeError: if ``total_timesteps`` or ``log_interval`` is of a wrong kind.
             ValueError: if one of them is no number to count to, or the env is not ready: ``check_early_resets``.
         """
         check_learning(total_timesteps, log_interval)
-        return super().learn(
-            total_timesteps,
-            callback,
-            log_interval,
-            tb_log_name or type(self).__name__,
-            reset_num_timesteps,
-            progress_bar,
-        )
+        name = tb_log_name or type(self).__name__
+        super().learn(total_timesteps, callback, log_interval, name, reset_num_timesteps, progress_bar)
+        self._settle_readout()
+        return self

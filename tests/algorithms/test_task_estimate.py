@@ -12,7 +12,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNormalize
 
 from sb3_bruno import BrunoSAC, Transitions
-from sb3_bruno.algorithms.readout_training import N_STEPS, _draw_columns
+from sb3_bruno.algorithms.readout_training import LEARNING_RATE, N_STEPS, N_TO_SETTLE, _draw_columns
 from sb3_bruno.algorithms.task_estimate import TaskEstimate, TaskLabels
 from sb3_bruno_envs import MetaTask, PointDirEnv, TaskSampler, TransitionObservation
 from support.tiny_models import ALGORITHMS, POINT, TINY, TINY_ENCODER, TRIAL
@@ -52,6 +52,27 @@ def test_every_agent_estimates(algorithm, tmp_path):
     again = algorithm.load(tmp_path / "model", device="cpu")
     np.testing.assert_array_equal(again.task_estimate(state).probabilities, estimate.probabilities)
     assert again.task_labels == model.task_labels and again.task_estimate(state).texts() == estimate.texts()
+
+
+def test_when_learning_ends_the_readout_settles_by_as_many_updates_as_it_had(monkeypatch):
+    rates = []
+    update = BrunoSAC._update_readout
+
+    def noted(self, readout):
+        rates.append(self.readout_optimizer.param_groups[0]["lr"])
+        return update(self, readout)
+
+    monkeypatch.setattr(BrunoSAC, "_update_readout", noted)
+    model = learned()
+    n = len(rates) // 2
+    assert n > 1 and rates == [LEARNING_RATE] * n + [LEARNING_RATE * (1 - i / n) for i in range(n)]
+    model._readout_unsettled = 10 * N_TO_SETTLE  # of a long training
+    rates.clear()
+    monkeypatch.setattr(BrunoSAC, "_train_readout", lambda self, readout, n_updates: rates.append(n_updates))
+    model._settle_readout()
+    assert len(rates) == N_TO_SETTLE and model.readout_optimizer.param_groups[0]["lr"] == LEARNING_RATE
+    model._settle_readout()
+    assert len(rates) == N_TO_SETTLE  # at rest already
 
 
 def test_what_is_inferred_is_what_is_carried():
