@@ -47,7 +47,7 @@ class Diagnostics:
             one, else 0, of the shape of ``readout_misses``; None without a read-out.
 
     Raises:
-        ValueError: if only one of ``outside_tasks`` and ``outside_log_scores`` is None.
+        ValueError: if only one of ``outside_tasks`` and ``outside_log_scores`` is None, or nothing was measured.
     """
 
     tasks: Floats
@@ -70,6 +70,9 @@ class Diagnostics:
         if (self.outside_tasks is None) != (self.outside_log_scores is None):
             missing = "outside_tasks" if self.outside_tasks is None else "outside_log_scores"
             raise ValueError(f"{missing} is None while the other is not: give both or neither.")
+        for name in ("pit", "log_scores"):
+            if np.isnan(getattr(self, name)).all(axis=(0, 1, 2)).any():
+                raise ValueError(f"{name} holds nothing but NaN: diagnose episodes of one step at least.")
 
     def pit_ks(self) -> Floats:
         """Compute the Kolmogorov-Smirnov distance of each quantity's PIT from uniform, ``(n_quantities,)``."""

@@ -121,5 +121,8 @@ def test_errors_name_the_argument_and_the_remedy() -> None:
         diagnostics_of().coverage(1.5)
     with pytest.raises(ValueError, match=r"outside_log_scores is None, .*: pass outside_tasks to diagnose"):
         diagnostics_of(n_outside=0).auroc()
+    for name in ("pit", "log_scores"):
+        with pytest.raises(ValueError, match=f"{name} holds nothing but NaN: diagnose episodes of one step at least"):
+            diagnostics_of(**{name: np.full((3, 4, 6, *([2] if name == "pit" else [])), NAN)})
     with pytest.raises(ValueError, match="outside_tasks is None while the other is not: give both or neither"):
         diagnostics_of(outside_tasks=None)
