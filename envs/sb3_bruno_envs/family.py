@@ -9,6 +9,7 @@ import gymnasium as gym
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike
 
+from sb3_bruno_envs.arguments import check_count
 from sb3_bruno_envs.tasks import Split, Task, TaskDistribution, TaskSet, as_task_distribution
 from sb3_bruno_envs.wrappers.meta_task import Draw, MetaTask
 from sb3_bruno_envs.wrappers.observations import TaskObservation, TransitionObservation
@@ -35,7 +36,7 @@ class Family:
             episodes itself, and ``max_episode_steps`` limits the whole trial.
 
     Raises:
-        ValueError: if the class has no ``set_task``, or the tasks are invalid.
+        ValueError: if the class has no ``set_task``, the tasks are invalid, or a number is not positive.
 
     Example:
         >>> POINT_DIR = Family(PointDirEnv, POINT_DIR_TASKS, max_episode_steps=30)
@@ -55,9 +56,15 @@ class Family:
         set_task: Callable[[Any, Task], object] | None = getattr(env_class, "set_task", None)
         if set_task is None:
             raise ValueError(f"env_class={env_class!r} has no method set_task(task): add one that applies a task.")
+        task_sets = {} if task_sets is None else task_sets
+        if not isinstance(task_sets, Mapping) or not all(isinstance(named, TaskSet) for named in task_sets.values()):
+            raise ValueError(f"task_sets={task_sets!r} is no dict of TaskSets: give each by its name.")
+        for name, count in (("max_episode_steps", max_episode_steps), ("n_episodes", n_episodes)):
+            if count is not None:
+                check_count(name, count)
         self.env_class = env_class
         self.tasks = as_task_distribution(tasks)
-        self.task_sets = dict(task_sets or {})
+        self.task_sets = dict(task_sets)
         self.max_episode_steps = max_episode_steps
         self.n_episodes = n_episodes
         self._set_task = set_task

@@ -14,6 +14,8 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
+from sb3_bruno_envs.arguments import check_function
+
 Task: TypeAlias = NDArray[np.float32]
 Split: TypeAlias = Literal["train", "test"]
 Sample: TypeAlias = Callable[[np.random.Generator], ArrayLike]
@@ -159,7 +161,7 @@ class TaskSampler:
         test_sample: draws one test task; without it, ``sample`` serves both splits.
 
     Raises:
-        ValueError: if ``space`` is not a one-dimensional Box.
+        ValueError: if ``space`` is not a one-dimensional Box, or a function is none.
 
     Example:
         >>> speeds = TaskSampler(lambda rng: rng.uniform(0.0, 3.0, size=1), Box(0.0, 3.0, (1,)))
@@ -170,6 +172,9 @@ class TaskSampler:
     test_sample: Sample | None = None
 
     def __post_init__(self) -> None:
+        if not callable(self.sample):
+            raise ValueError(f"sample={self.sample!r} is no function: pass sample(rng), which returns a task.")
+        check_function("test_sample", self.test_sample, "test_sample(rng), which returns a task")
         object.__setattr__(self, "space", _task_box(self.space))
 
     def draw(self, rng: np.random.Generator, split: Split = "train") -> Task:

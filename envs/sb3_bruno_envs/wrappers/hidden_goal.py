@@ -11,6 +11,7 @@ from gymnasium.spaces import Dict, flatten, unflatten
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import ArrayLike
 
+from sb3_bruno_envs.arguments import check_count, check_env, check_function
 from sb3_bruno_envs.tasks import Split, Task, TaskDistribution, TaskSet
 from sb3_bruno_envs.wrappers.meta_task import Draw, MetaTask
 
@@ -65,11 +66,11 @@ def goal_tasks(env: gym.Env[Any, Any], n_train: int = 100, n_test: int = 20) -> 
         n_test: the number of test goals.
 
     Raises:
-        ValueError: if the environment shows no goal or has fewer different ones, or a number is not positive.
+        ValueError: if the environment shows no goal or has fewer different ones, or a number is no positive integer.
     """
+    check_count("n_train", n_train)
+    check_count("n_test", n_test)
     space = _goal_space(env)
-    if n_train < 1 or n_test < 1:
-        raise ValueError(f"n_train={n_train} and n_test={n_test} must be positive: ask for at least one goal of each.")
     goals: dict[bytes, Task] = {}  # in the order of their seeds
     for n, first_seed in ((n_train, 0), (n_test, _FIRST_TEST_SEED)):
         wanted = len(goals) + n
@@ -103,6 +104,8 @@ class HiddenGoal(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any], set_goal: SetGoal | None = None) -> None:
+        check_env(env)
+        check_function("set_goal", set_goal, "set_goal(env.unwrapped, goal)")
         RecordConstructorArgs.__init__(self, set_goal=set_goal)
         super().__init__(env)
         self._goal_space = _goal_space(env)
@@ -154,6 +157,7 @@ def _goal_space(env: gym.Env[Any, Any]) -> gym.Space[Any]:
     Raises:
         ValueError: if the environment observes none, or one that is no vector.
     """
+    check_env(env)
     space = env.observation_space
     if not isinstance(space, Dict) or "desired_goal" not in space.spaces or len(space.spaces) < 2:
         raise ValueError(

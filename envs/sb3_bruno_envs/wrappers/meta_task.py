@@ -12,6 +12,7 @@ from gymnasium.spaces import Box
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import ArrayLike
 
+from sb3_bruno_envs.arguments import check_env, check_function
 from sb3_bruno_envs.task_effect import find_task_without_effect
 from sb3_bruno_envs.tasks import (
     Split,
@@ -88,6 +89,7 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         name_task: Callable[[Task], str] | None = None,
         task_entries: Sequence[tuple[str, str]] | None = None,
     ) -> None:
+        check_env(env)
         check_split(split)
         if draw not in get_args(Draw):
             raise ValueError(f"draw={draw!r} is unknown: use 'random', 'cycle' or 'fixed'.")
@@ -95,10 +97,10 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             raise ValueError(f"when={when!r} is unknown: use 'before_reset' or 'after_reset'.")
         if apply_task is None and tasks is not None:
             raise ValueError("apply_task=None cannot set the given tasks: pass apply_task(env.unwrapped, task).")
-        if apply_task is not None and not callable(apply_task):
-            raise ValueError(f"apply_task={apply_task!r} is no function: pass apply_task(env.unwrapped, task).")
-        if name_task is not None and not callable(name_task):
-            raise ValueError(f"name_task={name_task!r} is no function: pass name_task(task), which returns a text.")
+        check_function("apply_task", apply_task, "apply_task(env.unwrapped, task)")
+        check_function("name_task", name_task, "name_task(task), which returns a text")
+        if not isinstance(unwrap, bool):
+            raise ValueError(f"unwrap={unwrap!r} is neither True nor False: give one of them.")
         layer: Any = env
         while isinstance(layer, gym.Wrapper):
             if isinstance(layer, MetaTask):
@@ -290,10 +292,16 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
 def _read_entries(entries: Sequence[tuple[str, str]], space: Box) -> tuple[tuple[str, str], ...]:
     """Return name and unit of each number of a task; a ValueError refuses what is none, or not one for each."""
-    read = tuple(tuple(entry) for entry in entries if not isinstance(entry, str))
-    pairs = tuple((name, unit) for name, unit in (entry for entry in read if len(entry) == 2))
-    if len(pairs) != len(entries) or not all(isinstance(text, str) for pair in pairs for text in pair):
-        raise ValueError(f"task_entries={entries!r} are no pairs of name and unit, such as [('velocity', 'm/s')].")
-    if space.shape != (len(pairs),):
-        raise ValueError(f"task_entries={entries!r} name {len(pairs)} numbers, and tasks have shape {space.shape}.")
-    return pairs
+    if not isinstance(entries, list | tuple) or not all(map(_is_entry, entries)):
+        raise ValueError(
+            f"task_entries={entries!r} is no list of pairs of name and unit: give such as [('velocity', 'm/s')]."
+        )
+    if space.shape != (len(entries),):
+        raise ValueError(
+            f"task_entries={entries!r} names {len(entries)} numbers, and tasks have shape {space.shape}: name each."
+        )
+    return tuple((name, unit) for name, unit in entries)
+
+
+def _is_entry(entry: Any) -> bool:
+    return isinstance(entry, list | tuple) and len(entry) == 2 and all(isinstance(text, str) for text in entry)

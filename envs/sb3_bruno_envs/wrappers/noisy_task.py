@@ -73,7 +73,10 @@ class NoisyTaskObservation(TaskObservation):
 
 def _read_stds(std: ArrayLike, task_dim: int) -> NDArray[np.float64]:
     """Return the standard deviations by step, ``(n_steps, task_dim)``."""
-    stds = np.asarray(std, dtype=np.float64)
+    try:
+        stds = np.asarray(std, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"std={std!r} holds what is no number: give numbers, or one.") from error
     if stds.ndim < 2:
         stds = np.repeat(stds.reshape(-1, 1), task_dim, axis=1)
     if stds.ndim != 2 or len(stds) == 0 or stds.shape[1] != task_dim:

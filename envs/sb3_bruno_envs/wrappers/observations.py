@@ -11,6 +11,8 @@ from gymnasium.spaces import Box, Dict, flatdim, flatten, flatten_space
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import ArrayLike, NDArray
 
+from sb3_bruno_envs.arguments import check_env
+
 
 class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Shows the last transition, so that an agent which receives observations alone can infer the task.
@@ -40,6 +42,7 @@ class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorAr
     """
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
+        check_env(env)
         RecordConstructorArgs.__init__(self)
         super().__init__(env)
         actions = _bounded_actions(env.action_space)
@@ -105,6 +108,7 @@ class TaskObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
+        check_env(env)
         RecordConstructorArgs.__init__(self)
         super().__init__(env)
         if not env.has_wrapper_attr("task_space"):

@@ -6,8 +6,9 @@ import copy
 from typing import Any, SupportsFloat
 
 import gymnasium as gym
-import numpy as np
 from gymnasium.utils import RecordConstructorArgs
+
+from sb3_bruno_envs.arguments import check_count, check_env
 
 
 class Trial(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
@@ -35,8 +36,8 @@ class Trial(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __init__(self, env: gym.Env[Any, Any], n_episodes: int) -> None:
-        if not isinstance(n_episodes, (int, np.integer)) or n_episodes < 1:  # a trial of 2.5 would never end
-            raise ValueError(f"n_episodes={n_episodes!r} is not a positive integer: give at least 1.")
+        check_env(env)
+        check_count("n_episodes", n_episodes)  # a trial of 2.5 would never end
         if env.has_wrapper_attr("task_space"):
             raise ValueError(f"env={env} would draw a task per inner episode: wrap Trial in MetaTask instead.")
         RecordConstructorArgs.__init__(self, n_episodes=n_episodes)
