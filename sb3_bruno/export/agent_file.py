@@ -24,6 +24,7 @@ from sb3_bruno.export.limits import LARGEST_BUFFER
 from sb3_bruno.export.plain import read_json
 from sb3_bruno.export.tensors import read_tensors
 from sb3_bruno.export.written_agent import WrittenAgent, write_agent
+from sb3_bruno.files.shown import printable
 
 
 def save_agent(model: TaskInference, path: str | Path) -> None:
@@ -95,5 +96,7 @@ def load_agent(path: str | Path, env: GymEnv | str | None = None, device: th.dev
 
 def _refusal(path: str | Path, error: Exception) -> ValueError:
     told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    if isinstance(error, RecursionError):
+        told = "its JSON is nested too deep"
     remedy = "" if isinstance(error, Unknown) else " Get another copy of it."
-    return ValueError(f"{str(path)!r} cannot be loaded as an agent: {told[:500].rstrip('.')}.{remedy}")
+    return ValueError(f"{str(path)!r} cannot be loaded as an agent: {printable(told[:500]).rstrip('.')}.{remedy}")

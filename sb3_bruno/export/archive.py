@@ -15,12 +15,14 @@ from typing import IO
 from zipfile import ZIP_STORED, ZipFile, ZipInfo
 
 from sb3_bruno.export.limits import LARGEST_TENSORS, LARGEST_TEXT
+from sb3_bruno.files.shown import shown
 from sb3_bruno.files.whole import whole_file
 
 AGENT, TENSORS, SUMS = "agent.json", "tensors.safetensors", "SHA256SUMS"
 LARGEST = {AGENT: LARGEST_TEXT, TENSORS: LARGEST_TENSORS, SUMS: LARGEST_TEXT}
 """The members, and how many bytes each may have."""
 _END = struct.Struct("<4s4H2LH")  # the record at the end of a zip file
+_HEAD = struct.Struct("<4s5H3L2H")  # the record before a member, without the name that follows
 _ZIP64 = b"PK\x06\x07"
 _DATE = (1980, 1, 1, 0, 0, 0)  # the first that a zip file knows, so that the same agent makes the same bytes
 
@@ -60,6 +62,7 @@ def read_archive(path: Path) -> tuple[bytes, bytes]:
         with ZipFile(file) as archive:
             members = archive.infolist()
             _check_members(members)
+            _check_gaps(file, members, archive.start_dir)
             content = {member.filename: archive.read(member) for member in members}
     sums = content.pop(SUMS)
     if sums != _sums(content):
@@ -84,7 +87,7 @@ def _check_end(file: IO[bytes], size: int) -> None:
 def _check_members(members: list[ZipInfo]) -> None:
     names = [member.orig_filename for member in members]
     if sorted(names) != sorted(LARGEST) or names != [member.filename for member in members]:
-        raise ValueError(f"it holds {', '.join(map(ascii, names))[:200]}, and not exactly {', '.join(LARGEST)}")
+        raise ValueError(f"it holds {', '.join(map(shown, names))}, and not exactly {', '.join(LARGEST)}")
     for member in members:
         kind = stat.S_IFMT(member.external_attr >> 16)
         if kind not in (0, stat.S_IFREG) or member.flag_bits or member.extra or member.comment:
@@ -93,6 +96,22 @@ def _check_members(members: list[ZipInfo]) -> None:
             raise ValueError(f"{member.filename} is compressed, as no member of an agent file is")
         if member.file_size > LARGEST[member.filename]:
             raise ValueError(f"{member.filename} has {member.file_size:,} bytes, more than are allowed")
+
+
+def _check_gaps(file: IO[bytes], members: list[ZipInfo], end: int) -> None:
+    """Refuse bytes before, between and behind the members, in which anything might be.
+
+    Example: members of 30 bytes of record, a name of 10 and 500 bytes of content begin at 0, 540 and 1080.
+    """
+    place = 0
+    for member in sorted(members, key=lambda member: member.header_offset):
+        file.seek(member.header_offset)
+        *_, n_name, n_extra = _HEAD.unpack(file.read(_HEAD.size))
+        if member.header_offset != place or n_extra:
+            raise ValueError(f"it has something before {member.filename} that belongs to no member")
+        place += _HEAD.size + n_name + member.file_size
+    if place != end:
+        raise ValueError("it has something behind its last member that belongs to none")
 
 
 def _sums(content: Mapping[str, bytes]) -> bytes:

@@ -10,7 +10,8 @@ from stable_baselines3.common.noise import VectorizedActionNoise
 from stable_baselines3.common.type_aliases import TrainFreq
 
 from sb3_bruno.algorithms.task_inference import TaskInference
-from sb3_bruno.export.limits import LARGEST_COUNT
+from sb3_bruno.export.limits import LARGEST_COUNT, LARGEST_LIST, LARGEST_OF_FLOW
+from sb3_bruno.files.shown import shown
 
 _NOT_KEPT = {
     *("self", "policy", "env", "device", "verbose", "tensorboard_log", "seed", "task_readout", "_init_setup_model")
@@ -56,25 +57,29 @@ def check_arguments(cls: type, arguments: Mapping[str, Any]) -> None:
         ValueError: naming the argument.
     """
     for name in sorted(arguments.keys() - (_names(cls) - _NOT_KEPT)):
-        raise ValueError(f"its argument {name!r:.60} is none that agent files give")
+        raise ValueError(f"its argument {shown(name)} is none that agent files give")
     for name in ("policy_kwargs", "encoder_kwargs"):
         if not isinstance(arguments.get(name), dict):
             raise ValueError(f"its `{name}` are not there")
         _check_counts(arguments[name], name)
-    if type(arguments.get("buffer_size")) is not int:
-        raise ValueError("its `buffer_size` is no whole number")
+    buffer_size = arguments.get("buffer_size")
+    if type(buffer_size) is not int or buffer_size < 1:
+        raise ValueError(f"its `buffer_size` is {shown(buffer_size)}, and no whole number of 1 or more")
 
 
-def _check_counts(nested: Any, place: str) -> None:
+def _check_counts(nested: Any, place: str, *, in_flow: bool = False) -> None:
     """Refuse whole numbers that no network is made with, before anything counts to them."""
     if isinstance(nested, dict):
         for name, value in nested.items():
-            _check_counts(value, f"{place}.{name}")
+            if name != "forget_threshold":  # nats, which nothing counts to
+                _check_counts(value, f"{place}.{name}", in_flow=in_flow or name == "flow_kwargs")
     elif isinstance(nested, list | tuple):
+        if len(nested) > LARGEST_LIST:
+            raise ValueError(f"its {shown(place)} has {len(nested):,} entries, and {LARGEST_LIST:,} are allowed")
         for value in nested:
-            _check_counts(value, place)
-    elif isinstance(nested, int) and abs(nested) > LARGEST_COUNT:
-        raise ValueError(f"its `{place}` has {nested!r:.40}, which is no size of a network")
+            _check_counts(value, place, in_flow=in_flow)
+    elif isinstance(nested, int) and abs(nested) > (largest := LARGEST_OF_FLOW if in_flow else LARGEST_COUNT):
+        raise ValueError(f"its {shown(place)} has {nested}, and whole numbers up to {largest:,} are allowed there")
 
 
 def _names(cls: type) -> set[str]:

@@ -16,6 +16,7 @@ from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.encoders import ENCODERS, TaskEncoder
+from sb3_bruno.files.shown import shown
 from sb3_bruno.maths.flow import FLOWS
 
 
@@ -50,8 +51,10 @@ _BUILT_IN: dict[str, Mapping[str, Callable[..., Any]]] = {
     "buffer": {"TaskReplayBuffer": TaskReplayBuffer},
     "optimizer": {"RMSpropTFLike": RMSpropTFLike, **{name: getattr(th.optim, name) for name in _OPTIMIZERS.split()}},
     "flow": {
-        name: flow for name, flow in vars(zuko.flows).items() if isinstance(flow, type) and issubclass(flow, Flow)
-    },
+        name: flow
+        for name, flow in vars(zuko.flows).items()
+        if isinstance(flow, type) and issubclass(flow, Flow) and flow is not zuko.flows.CNF
+    },  # without the one whose weights decide how long it computes
     "module": {name: getattr(nn, name) for name in _MODULES.split()},
     "function": FLOWS,
 }
@@ -123,8 +126,8 @@ def find(kind: str, key: object) -> Any:
     known = _known(kind)
     if not isinstance(key, str) or key not in known:
         raise Unknown(
-            f"it names {key!r:.60}, which is no {kind} that agent files know: if it is one of somebody's own, register "
-            "it by `sb3_bruno.export.register_agent_class` before"
+            f"it names {shown(key)}, which is no {kind} that agent files know: if it is one of somebody's own, "
+            "register it by `sb3_bruno.export.register_agent_class` before"
         )
     return known[key]
 

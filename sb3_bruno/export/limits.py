@@ -16,23 +16,30 @@ LARGEST_TENSOR = 2**27  # bytes
 LARGEST_SPACE = 100_000  # numbers in a space
 LARGEST_DICT = 100  # spaces in a space
 LARGEST_BUFFER = 10_000_000  # transitions
-LARGEST_COUNT = 1_000_000  # any whole number that shapes a network
+LARGEST_STEP = 2**27  # bytes that a step may take: an encoder may keep many transitions
+LARGEST_WHOLE = 2**63  # any whole number
+LARGEST_COUNT = 4_096  # one that shapes a network: some cost its cube
+LARGEST_LIST = 1_024  # entries of an argument of a network
+LARGEST_OF_FLOW = 1_024  # one of a flow, such as the degree of its polynomials
 
 
 class Budget(TorchDispatchMode):
     """Refuses to compute more or larger tensors than agents of a file's size need, before they take any memory.
+
+    Around the making of an agent, and anew around its first step.
 
     Every operation is run on torch's device "meta" first, which computes shapes alone. Our agents need 5 operations
     for each tensor that is kept, and 4 bytes for each byte, of which most are free again at once.
 
     Args:
         kept: the tensors of the file by name.
+        spare: bytes that are allowed whatever the file's size.
     """
 
-    def __init__(self, kept: Mapping[str, Tensor]) -> None:
+    def __init__(self, kept: Mapping[str, Tensor], spare: int = 2**24) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
         self._operations = 2_000 + 30 * min(len(kept), 1_000)
-        self._bytes = 2**24 + 8 * sum(tensor.nbytes for tensor in kept.values())
+        self._bytes = spare + 8 * sum(tensor.nbytes for tensor in kept.values())
 
     def __torch_dispatch__(
         self, func: Any, types: Any, args: tuple[Any, ...] = (), kwargs: dict[str, Any] | None = None
@@ -40,7 +47,7 @@ class Budget(TorchDispatchMode):
         self._operations -= 1
         self._bytes -= _bytes_of_result(func, args, kwargs or {})
         if self._operations < 0 or self._bytes < 0:
-            raise ValueError("its settings describe networks that are larger than its weights")
+            raise ValueError("its settings ask for more memory or work than an agent of its weights needs")
         return func(*args, **(kwargs or {}))
 
 

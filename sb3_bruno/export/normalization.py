@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,19 +13,29 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from torch import Tensor
 
 from sb3_bruno.export.plain import read_number, to_plain
+from sb3_bruno.files.shown import shown
 
-_NUMBERS = ("clip_obs", "clip_reward", "gamma", "epsilon")
-_SETTINGS = ("norm_obs", "norm_reward", "norm_obs_keys", *_NUMBERS)
+_LARGEST = 1e30  # of a number whose square is finite in float64, and which is itself in float32
+_RANGES = {
+    "clip_obs": (1 / _LARGEST, math.inf),
+    "clip_reward": (1 / _LARGEST, math.inf),
+    "gamma": (0.0, 1.0),
+    "epsilon": (1 / _LARGEST, _LARGEST),
+}
+"""The least and the greatest value of each number."""
+_SETTINGS = ("norm_obs", "norm_reward", "norm_obs_keys", *_RANGES)
 
 
 def write_normalization(env: VecNormalize) -> tuple[dict[str, Any], dict[str, Tensor]]:
     """Write the settings of a VecNormalize, and its statistics by name.
 
     Raises:
-        ValueError: if it is a subclass, which may do something else.
+        ValueError: if it is a subclass, which may do something else; a setting is out of range; or a statistic is not
+            finite.
     """
     if type(env) is not VecNormalize:
         raise ValueError(f"the env is normalised by {type(env).__name__}: use VecNormalize itself")
+    check_normalization(env)
     settings = {name: to_plain(vars(env)[name], name) for name in _SETTINGS}
     statistics = _statistics(env)
     settings["counts"] = {name: to_plain(found.count, name) for name, found in statistics.items()}
@@ -50,12 +61,11 @@ def normalized(env: VecEnv, plain: Any, tensors: Mapping[str, Tensor]) -> VecNor
         raise ValueError("the settings of its normalisation are not all there")
     keys = plain["norm_obs_keys"]
     if keys is not None and not (isinstance(keys, list) and all(isinstance(key, str) for key in keys)):
-        raise ValueError(f"its normalisation has the keys {keys!r:.60}")
+        raise ValueError(f"its normalisation has the keys {shown(keys)}")
     flags = {name: plain[name] for name in ("norm_obs", "norm_reward")}
-    numbers: dict[str, Any] = {name: read_number(plain[name]) for name in _NUMBERS}
-    is_out = numbers["gamma"] < 0 or min(numbers[name] for name in _NUMBERS if name != "gamma") <= 0
-    if not all(isinstance(flag, bool) for flag in flags.values()) or is_out:
-        raise ValueError("its normalisation has a setting that is out of range")
+    if not all(isinstance(flag, bool) for flag in flags.values()):
+        raise ValueError("its normalisation has a flag that is neither true nor false")
+    numbers: dict[str, Any] = {name: read_number(plain[name]) for name in _RANGES}
     wrapped = VecNormalize(env, training=False, norm_obs_keys=keys, **flags, **numbers)
     statistics = _statistics(wrapped)
     expected = {f"{name}.{moment}" for name in statistics for moment in ("mean", "var")}
@@ -65,9 +75,25 @@ def normalized(env: VecEnv, plain: Any, tensors: Mapping[str, Tensor]) -> VecNor
         found.mean = _moment(tensors[f"{name}.mean"], np.shape(found.mean))
         found.var = _moment(tensors[f"{name}.var"], np.shape(found.var))
         found.count = read_number(plain["counts"][name])
-        if (found.var < 0).any() or found.count < 0:
-            raise ValueError(f"its normalisation of {name} has a variance or a count below 0")
+    check_normalization(wrapped)
     return wrapped
+
+
+def check_normalization(env: VecNormalize) -> None:
+    """Refuse a VecNormalize that would show an agent numbers that are not finite, or always the same ones.
+
+    Raises:
+        ValueError: naming the setting or the statistic.
+    """
+    for name, (least, largest) in _RANGES.items():
+        value = vars(env)[name]
+        if not least <= value <= largest:
+            raise ValueError(f"its normalisation has {name}={value}, and {least:g} to {largest:g} is allowed")
+    for name, found in _statistics(env).items():
+        for moment, least in (("mean", -_LARGEST), ("var", 0.0), ("count", 0.0)):
+            numbers = np.asarray(vars(found)[moment])
+            if not ((least <= numbers) & (numbers <= _LARGEST)).all():  # nor is NaN
+                raise ValueError(f"its normalisation has a {moment} of {name} that is not finite, or out of range")
 
 
 def _statistics(env: VecNormalize) -> dict[str, RunningMeanStd]:

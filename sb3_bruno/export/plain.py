@@ -16,7 +16,8 @@ from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckA
 from stable_baselines3.common.utils import ConstantSchedule, FloatSchedule, LinearSchedule
 
 from sb3_bruno.export.classes import find, key_of, kind_of
-from sb3_bruno.export.limits import LARGEST_SPACE
+from sb3_bruno.export.limits import LARGEST_SPACE, LARGEST_WHOLE
+from sb3_bruno.files.shown import shown
 
 
 class _Parts(NamedTuple):
@@ -41,6 +42,7 @@ _OBJECTS = {
         {"mean": "_mu", "sigma": "_sigma", "theta": "_theta", "dt": "_dt", "initial_noise": "initial_noise"},
     ),
 }
+_KINDS = {parts.kind for parts in _OBJECTS.values()}
 _DTYPES = ("float32", "float64", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "bool")
 
 
@@ -100,7 +102,7 @@ def from_plain(plain: Any) -> Any:
     if tag == "$object":
         return _object(content, rest)
     if rest:
-        raise ValueError(f"{tag} stands beside {', '.join(map(ascii, rest))[:80]}")
+        raise ValueError(f"{shown(tag)} stands beside {shown(list(rest))}")
     if tag == "$tuple" and isinstance(content, list):
         return tuple(from_plain(entry) for entry in content)
     if tag == "$float" and content in ("inf", "-inf"):
@@ -109,13 +111,17 @@ def from_plain(plain: Any) -> Any:
 
 
 def read_json(data: bytes) -> dict[str, Any]:
-    """Read a JSON object in which no key comes twice and every number is finite.
+    """Read a JSON object in which no key comes twice and every number is finite, whole ones of 64 bits.
 
     Raises:
         ValueError: if it is none; RecursionError if it is nested too deep.
     """
     found = json.loads(
-        data.decode("utf-8"), object_pairs_hook=_once, parse_constant=_refuse_constant, parse_float=_finite
+        data.decode("utf-8"),
+        object_pairs_hook=_once,
+        parse_constant=_refuse_constant,
+        parse_float=_finite,
+        parse_int=_whole,
     )
     if not isinstance(found, dict):
         raise ValueError("its JSON holds no object")
@@ -136,7 +142,14 @@ def _refuse_constant(text: str) -> float:
 def _finite(text: str) -> float:
     number = float(text)
     if not math.isfinite(number):
-        raise ValueError(f"its JSON holds {text:.40}, which is too large a number")
+        raise ValueError(f"its JSON holds {shown(text)}, which is too large a number")
+    return number
+
+
+def _whole(text: str) -> int:
+    number = int(text)
+    if abs(number) > LARGEST_WHOLE:
+        raise ValueError(f"its JSON holds {shown(text)}, which is too large a whole number")
     return number
 
 
@@ -156,14 +169,19 @@ def _array(numbers: Any, form: dict[str, Any]) -> np.ndarray[Any, Any]:
 
 def _object(name: Any, parts: dict[str, Any]) -> Any:
     if not isinstance(name, str) or name not in _OBJECTS or set(parts) != set(_OBJECTS[name].attributes):
-        raise ValueError(f"it names {name!r:.60}, which is no object that agent files know, or not all of its parts")
-    return _OBJECTS[name].kind(**{key: from_plain(part) for key, part in parts.items()})
+        raise ValueError(f"it names {shown(name)}, which is no object that agent files know, or not all of its parts")
+    read = {key: from_plain(part) for key, part in parts.items()}
+    for key, part in read.items():
+        is_number = isinstance(part, int | float | np.ndarray) and not isinstance(part, bool)
+        if not (is_number or part is None or type(part) in _KINDS):
+            raise ValueError(f"the {key} of its {name} is {shown(part)}, and no number")
+    return _OBJECTS[name].kind(**read)
 
 
 def _class(tag: str, key: Any) -> Any:
     kind = tag.removeprefix("$")
     if kind not in ("buffer", "encoder", "flow", "function", "module", "optimizer", "policy"):
-        raise ValueError(f"it names a {tag!r:.60}, which agent files do not know")
+        raise ValueError(f"it names a {shown(tag)}, which agent files do not know")
     return find(kind, key)
 
 
@@ -175,7 +193,7 @@ def read_number(plain: Any) -> float:
     """
     value = from_plain(plain)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{plain!r:.60} is no number")
+        raise ValueError(f"{shown(plain)} is no number")
     return value
 
 
@@ -186,7 +204,7 @@ def read_dtype(plain: Any) -> np.dtype[Any]:
         ValueError: if it is none that agent files know.
     """
     if plain not in _DTYPES:
-        raise ValueError(f"{plain!r:.60} is no type of numbers that agent files know")
+        raise ValueError(f"{shown(plain)} is no type of numbers that agent files know")
     return np.dtype(str(plain))
 
 
@@ -198,5 +216,5 @@ def read_shape(plain: Any) -> tuple[int, ...]:
     """
     is_shape = isinstance(plain, list) and len(plain) <= 8 and all(type(size) is int and size >= 0 for size in plain)
     if not is_shape or math.prod(plain) > LARGEST_SPACE or any(size > LARGEST_SPACE for size in plain):
-        raise ValueError(f"{plain!r:.60} is no shape of up to {LARGEST_SPACE:,} numbers")
+        raise ValueError(f"{shown(plain)} is no shape of up to {LARGEST_SPACE:,} numbers")
     return tuple(plain)

@@ -9,6 +9,8 @@ import numpy as np
 
 from sb3_bruno.algorithms.task_estimate import FEW_TASKS, TaskLabels
 from sb3_bruno.algorithms.task_inference import TaskInference
+from sb3_bruno.encoders.task_readout import ListReadout
+from sb3_bruno.files.shown import shown
 
 LONGEST = 200  # characters of a name
 
@@ -44,6 +46,19 @@ def add_readout(model: TaskInference, plain: Any) -> None:
     model._setup_readout_training()
 
 
+def check_tasks(model: TaskInference) -> None:
+    """Refuse tasks among the weights of a read-out that are others than those that were written with their names.
+
+    Raises:
+        ValueError: if they differ.
+    """
+    readout = model.policy.readout
+    if isinstance(readout, ListReadout):
+        named = np.array(model.policy_kwargs["readout"]["tasks"], np.float32)
+        if not np.array_equal(named, readout.tasks.cpu().numpy()):
+            raise ValueError("the tasks of its read-out are not those that it names")
+
+
 def _list(plain: Any) -> list[Any]:
     if not isinstance(plain, list):
         raise ValueError("the names of its read-out are no list")
@@ -53,7 +68,7 @@ def _list(plain: Any) -> list[Any]:
 def _name(plain: Any) -> str:
     """Read a name, which will be printed: no text that would command a terminal."""
     if not isinstance(plain, str) or len(plain) > LONGEST or not plain.isprintable():
-        raise ValueError(f"its read-out has the name {plain!r:.60}")
+        raise ValueError(f"its read-out has the name {shown(plain)}")
     return plain
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sb3_bruno.export.limits import LARGEST_DICT, LARGEST_SPACE
 from sb3_bruno.export.plain import read_dtype, read_number, read_shape, to_plain
+from sb3_bruno.files.shown import shown
 
 
 def write_space(space: spaces.Space[Any], place: str) -> dict[str, Any]:
@@ -70,7 +71,7 @@ def read_box(plain: Any) -> spaces.Box:
     """
     names = {"kind", "low", "high", "shape", "dtype"}
     if not isinstance(plain, dict) or set(plain) != names or plain["kind"] != "Box":
-        raise ValueError(f"{plain!r:.60} is no space that agent files know")
+        raise ValueError(f"{shown(plain)} is no space that agent files know")
     shape, dtype = read_shape(plain["shape"]), read_dtype(plain["dtype"])
     low, high = (_read_bound(plain[name], shape, dtype) for name in ("low", "high"))
     if not (low <= high).all():

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.export.limits import LARGEST_TENSOR, LARGEST_TEXT
+from sb3_bruno.files.shown import shown
 
 _POLICY, _VARIABLE = "policy.", "variable."
 
@@ -49,7 +50,7 @@ def put_tensors(model: TaskInference, tensors: Mapping[str, Tensor]) -> None:
     own = _named(model)
     differing = sorted(set(own) ^ set(tensors))
     if differing:
-        raise ValueError(f"its tensors are not those of the agent: {', '.join(differing)[:200]}")
+        raise ValueError(f"its tensors are not those of the agent, such as {shown(differing[0])}")
     for name, tensor in tensors.items():
         if (tensor.shape, tensor.dtype) != (own[name].shape, own[name].dtype):
             raise ValueError(
@@ -78,6 +79,8 @@ def _named(model: TaskInference) -> dict[str, Tensor]:
 def _check(tensors: Mapping[str, Tensor]) -> None:
     for name, tensor in tensors.items():
         if tensor.nbytes > LARGEST_TENSOR:
-            raise ValueError(f"the tensor {name} has {tensor.nbytes:,} bytes, and {LARGEST_TENSOR:,} are allowed")
+            raise ValueError(
+                f"the tensor {shown(name)} has {tensor.nbytes:,} bytes, and {LARGEST_TENSOR:,} are allowed"
+            )
         if tensor.is_floating_point() and not th.isfinite(tensor).all():
-            raise ValueError(f"the tensor {name} holds a number that is not finite")
+            raise ValueError(f"the tensor {shown(name)} holds a number that is not finite")

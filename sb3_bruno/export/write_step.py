@@ -20,6 +20,7 @@ from torch.distributions import Distribution
 from torch.export import ExportedProgram
 
 from sb3_bruno.algorithms.task_inference import TaskInference
+from sb3_bruno.export.normalization import check_normalization
 from sb3_bruno.export.step import Step
 from sb3_bruno.export.step_metadata import METADATA, describe
 from sb3_bruno.files.whole import check_writable, whole_file
@@ -58,8 +59,8 @@ def export_agent(model: TaskInference, path: str | Path, *, vec_normalize: VecNo
         raise ValueError(
             f"`model` is a {type(model).__name__}: export an algorithm of sb3_bruno, which infers the task."
         )
-    for name, weights in model.policy.named_parameters():
-        if not weights.isfinite().all():
+    for name, weights in model.policy.state_dict().items():  # with the statistics that standardise
+        if isinstance(weights, Tensor) and not weights.isfinite().all():
             raise ValueError(f"The agent's weights {name!r} are not finite, for its training diverged: train it again.")
     check_writable(path)
     if path.suffix == ".onnx":
@@ -250,6 +251,10 @@ def _check_normalization(normalize: Any, model: TaskInference) -> None:
     given, own = (_shapes(space) for space in (normalize.observation_space, model.observation_space))
     if given != own:
         raise ValueError(f"`vec_normalize` is of observations of shapes {given}, the agent's have {own}: {remedy}.")
+    try:
+        check_normalization(normalize)
+    except ValueError as error:
+        raise ValueError(f"The agent cannot be exported, for {error}: {remedy}.") from error
 
 
 def _shapes(space: Any) -> dict[str, Any]:

@@ -15,12 +15,14 @@ from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.evaluation.versions import library_versions
 from sb3_bruno.export.arguments import arguments_of, check_arguments
 from sb3_bruno.export.classes import Unknown, find, key_of
-from sb3_bruno.export.limits import Budget
+from sb3_bruno.export.first_step import run_first_step
+from sb3_bruno.export.limits import LARGEST_STEP, Budget
 from sb3_bruno.export.normalization import normalized, write_normalization
 from sb3_bruno.export.plain import from_plain, to_plain
-from sb3_bruno.export.readout import add_readout, write_readout
+from sb3_bruno.export.readout import add_readout, check_tasks, write_readout
 from sb3_bruno.export.space_json import read_box, read_space, write_space
 from sb3_bruno.export.tensors import put_tensors, tensors_of
+from sb3_bruno.files.shown import shown
 
 FORMAT = "sb3_bruno agent"
 VERSION = 1
@@ -43,17 +45,23 @@ _NO_BUFFER = 1  # transitions, where there is no env to store any of
 
 
 def write_agent(model: TaskInference) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    """Write an agent as plain data, and its tensors by name."""
+    """Write an agent as plain data, and its tensors by name.
+
+    Raises:
+        ValueError: if it is no plain data, or would not be read again.
+    """
     policies, policy = type(model).policy_aliases, type(model.policy)
     usual = next((name for name, known in policies.items() if known is policy), None)
     vec_normalize = model.get_vec_normalize_env()
     normalization, statistics = (None, {}) if vec_normalize is None else write_normalization(vec_normalize)
+    arguments = arguments_of(model)
+    check_arguments(type(model), arguments)
     written = {
         "format": FORMAT,
         "version": VERSION,
         "algorithm": key_of(type(model), "model"),
         "policy": usual or key_of(policy, "policy"),
-        "arguments": {name: to_plain(value, name) for name, value in arguments_of(model).items()},
+        "arguments": {name: to_plain(value, name) for name, value in arguments.items()},
         "observation_space": write_space(model.observation_space, "observation_space"),
         "action_space": write_space(model.action_space, "action_space"),
         "task_space": write_space(model.task_space, "task_space"),
@@ -106,10 +114,10 @@ class WrittenAgent(NamedTuple):
         if version > VERSION:
             raise Unknown(f"it is of version {version} of the format, and this sb3_bruno reads {VERSION}: update it")
         if set(plain) != _KEYS:
-            raise ValueError(f"it has too much or too little: {', '.join(sorted(set(plain) ^ _KEYS))[:200]}")
+            raise ValueError(f"it has too much or too little: {shown(sorted(set(plain) ^ _KEYS))}")
         algorithm = find("algorithm", plain["algorithm"])
         policy = plain["policy"]
-        if policy not in algorithm.policy_aliases:
+        if not (isinstance(policy, str) and policy in algorithm.policy_aliases):
             policy = find("policy", policy)
         arguments = from_plain(plain["arguments"])
         if not isinstance(arguments, dict):
@@ -150,6 +158,9 @@ class WrittenAgent(NamedTuple):
             model = self.algorithm(self.policy, env, device=device, task_readout=False, **arguments)
             add_readout(model, self.readout)
         put_tensors(model, tensors)
+        check_tasks(model)
+        with Budget(tensors, LARGEST_STEP):
+            run_first_step(model)
         model.num_timesteps, model.seed = self.num_timesteps, self.seed
         if venv is None:
             model.env, model.replay_buffer = None, None  # type: ignore[assignment]  # there is nothing to learn from

@@ -246,7 +246,24 @@ def test_weights_that_are_not_finite_are_not_saved(tmp_path):
     model = made(PearlSAC, make_point())
     with th.no_grad():
         next(model.policy.actor.parameters()).fill_(float("nan"))
-    with pytest.raises(ValueError, match=r"the tensor policy\.actor.* not finite"):
+    with pytest.raises(ValueError, match=r"the tensor 'policy\.actor.* not finite"):
+        save_agent(model, tmp_path / "point.agent")
+
+
+@pytest.mark.parametrize("statistic", ["mean", "var", "count"])
+def test_an_agent_whose_normalisation_is_not_finite_is_neither_saved_nor_exported(statistic, tmp_path):
+    env = normalized(make_point)
+    model = made(PearlSAC, env)
+    vars(env.obs_rms["reward"])[statistic] *= float("nan")
+    for write, name in ((save_agent, "point.agent"), (PearlSAC.export, "point.pt")):
+        with pytest.raises(ValueError, match=rf"normalisation has a {statistic} of observations\.reward that is not"):
+            write(model, tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_would_not_be_loaded_is_not_saved(tmp_path):
+    model = made(PearlSAC, make_point(), policy_kwargs={"net_arch": [4_097]})
+    with pytest.raises(ValueError, match=r"'policy_kwargs\.net_arch' has 4097, and whole numbers up to 4,096 are"):
         save_agent(model, tmp_path / "point.agent")
 
 

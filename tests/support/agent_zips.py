@@ -128,6 +128,28 @@ def patched(good, offset_from_table, value):
     return good[:at] + value + good[at + len(value) :]
 
 
+def stuffed(good, before, junk=b"#!/bin/sh\n"):
+    """A file with bytes that belong to no member, before one of the three or, for 3, the table, which tells so."""
+    with zipfile.ZipFile(io.BytesIO(good)) as archive:
+        offsets, start = [member.header_offset for member in archive.infolist()], archive.start_dir
+    at = [*offsets, start][before]
+    changed, place = bytearray(good), start
+    for offset in offsets:
+        struct.pack_into("<L", changed, place + 42, offset + len(junk) * (offset >= at))
+        place = good.find(b"PK\x01\x02", place + 1)
+    struct.pack_into("<L", changed, len(good) - 6, start + len(junk))
+    return bytes(changed[:at] + junk + changed[at:])
+
+
+def with_local_extra(good):
+    """A file whose first member has something attached that the table of contents does not tell."""
+    extra, begin, end = struct.pack("<2H4s", 0xCAFE, 4, b"hide"), 30 + len(AGENT), good.index(b"PK\x03\x04", 4)
+    changed = bytearray(stuffed(good, 1, extra))
+    changed[begin : end + len(extra)] = extra + changed[begin:end]
+    struct.pack_into("<H", changed, 28, len(extra))
+    return bytes(changed)
+
+
 def with_zip64(good):
     """A file whose table of contents is told by a record of zip64 before its end."""
     end = len(good) - 22

@@ -26,8 +26,10 @@ from support.agent_zips import (
     renamed,
     replace_first,
     saved_by_torch,
+    stuffed,
     with_info,
     with_json,
+    with_local_extra,
     with_tensors,
     with_zip64,
     zipped,
@@ -35,6 +37,8 @@ from support.agent_zips import (
 
 MOST_MEMORY = 100 * 2**20  # bytes
 MANY = 10**12
+FOR_A_TERMINAL = "\x1b]0;owned\x07\n" * 1_000
+"""A name that would set a terminal's title, and fill it."""
 LARGE = {"kind": "Box", "low": 0, "high": 1, "shape": [100_000], "dtype": "float64"}
 SPACES = ("observation_space", "spaces", "observation")
 NESTED = "[" * 100_000 + "]" * 100_000
@@ -47,6 +51,10 @@ ARCHIVES = {
     "without its last byte": lambda good: good[:-1],
     "with something behind": lambda good: good + b"PK",
     "with something before": lambda good: b"#!/bin/sh\n" + good,
+    "with something before, told right": lambda good: stuffed(good, 0),
+    "with something between": lambda good: stuffed(good, 1),
+    "with something before the table": lambda good: stuffed(good, 3),
+    "with something that the table does not tell": with_local_extra,
     "one bit flipped": lambda good: good[:300] + bytes([good[300] ^ 1]) + good[301:],
     "a bit of a tensor flipped": lambda good: good[:-500] + bytes([good[-500] ^ 1]) + good[-499:],
     "a huge comment": lambda good: good[:-2] + struct.pack("<H", 65_535) + b"x" * 65_535,
@@ -90,6 +98,7 @@ JSONS = {
     "infinity": put("arguments", "gamma", value=math.inf),
     "too large a float": lambda plain: json.dumps(plain).replace('"gamma": 0.99', '"gamma": 1e999'),
     "too many digits": lambda plain: json.dumps(plain).replace('"gamma": 0.99', f'"gamma": {"9" * 100_000}'),
+    "too large a whole number": put("num_timesteps", value=10**400),
     "a key twice": lambda plain: json.dumps(plain)[:-1] + ', "version": 1}',
     "a newer version": put("version", value=2),
     "a version that is text": put("version", value="1"),
@@ -124,6 +133,8 @@ JSONS = {
     "a folder to log in": put("arguments", "tensorboard_log", value="/tmp"),
     "a seed among the arguments": put("arguments", "seed", value=0),
     "no encoder_kwargs": drop("arguments", "encoder_kwargs"),
+    "a buffer_size of 0": put("arguments", "buffer_size", value=0),
+    "noise of text": put("arguments", "action_noise", value={"$object": "NormalActionNoise", "mean": "x", "sigma": 1}),
     "no buffer_size": drop("arguments", "buffer_size"),
     "a buffer_size that is true": put("arguments", "buffer_size", value=True),
     "text in place of a number": put("arguments", "gamma", value="0.99"),
@@ -136,6 +147,8 @@ JSONS = {
     "two large layers": put("arguments", "policy_kwargs", "net_arch", value=[900_000, 900_000]),
     "large layers of an encoder": put("arguments", "encoder_kwargs", "net_arch", value=[900_000, 900_000]),
     "very many layers": put("arguments", "policy_kwargs", "net_arch", value=[1] * 100_000),
+    "a layer that is wider than any": put("arguments", "policy_kwargs", "net_arch", value=[5_000]),
+    "a polynomial of a flow": put("arguments", "encoder_kwargs", "flow_kwargs", value={"degree": 2_000}),
     "very many critics": put("arguments", "policy_kwargs", "n_critics", value=1_000_000),
     "a large latent": put("arguments", "encoder_kwargs", "latent_dim", value=1_000_000),
     "an unknown argument of the policy": put("arguments", "policy_kwargs", "command", value="rm"),
@@ -170,6 +183,32 @@ JSONS = {
     "negative env steps": put("num_timesteps", value=-1),
     "env steps that are text": put("num_timesteps", value="1"),
     "a seed that is text": put("seed", value="1"),
+    **{
+        f"a name for a terminal {'.'.join(place) or 'at the top'}": put(*place, FOR_A_TERMINAL, value=1)
+        for place in (
+            (),
+            ("arguments",),
+            ("arguments", "policy_kwargs"),
+            ("arguments", "encoder_kwargs"),
+            ("arguments", "replay_buffer_kwargs"),
+            ("observation_space", "spaces"),
+            ("normalization",),
+            ("normalization", "counts"),
+        )
+    },
+    **{
+        f"a value for a terminal {'.'.join(place)}": put(*place, value=FOR_A_TERMINAL)
+        for place in (
+            ("algorithm",),
+            ("policy",),
+            ("arguments", "critic_input"),
+            ("arguments", "encoder_class"),
+            ("arguments", "ent_coef"),
+            ("arguments", "policy_kwargs", "activation_fn"),
+            ("action_space", "dtype"),
+            ("readout", "called_tasks"),
+        )
+    },
     "half a read-out": drop("readout", "tasks"),
     "a read-out that is text": put("readout", value="all"),
     "another read-out": put("readout", value=None),
@@ -177,6 +216,8 @@ JSONS = {
     "tasks of another size": put("readout", "tasks", value=[[0.0], [1.0]]),
     "tasks that are text": put("readout", "tasks", value=[["0", "0"], ["1", "1"]]),
     "tasks that are true": put("readout", "tasks", value=[[True, True], [True, False]]),
+    "tasks in another order than their names": lambda plain: plain["readout"]["tasks"].reverse(),
+    "a task twice": put("readout", "tasks", value=[[1.0, 0.0], [1.0, 0.0]]),
     "huge tasks": put("readout", "tasks", value=[[1e300, 0.0], [0.0, 1e300]]),
     "a name for a terminal": put("readout", "called_tasks", value=["\x1b]0;owned\x07", "left"]),
     "a name too few": put("readout", "called_tasks", value=["left"]),
@@ -187,6 +228,10 @@ JSONS = {
     "an epsilon that is text": put("normalization", "epsilon", value="small"),
     "a flag that is 1": put("normalization", "norm_obs", value=1),
     "keys that are not there": put("normalization", "norm_obs_keys", value=["image"]),
+    "a clip of a huge number": put("normalization", "clip_obs", value=10**400),
+    "a clip of nothing": put("normalization", "clip_obs", value=0.0),
+    "an endless epsilon": put("normalization", "epsilon", value={"$float": "inf"}),
+    "endless counts": put("normalization", "counts", "returns", value={"$float": "inf"}),
     "counts below 0": put("normalization", "counts", "returns", value=-1.0),
 }
 TENSOR_FILES = {
@@ -210,6 +255,8 @@ TENSOR_FILES = {
     "NaN": lambda tensors: fill(first_weight(tensors), math.nan)(tensors),
     "infinity": lambda tensors: fill(first_weight(tensors), -math.inf)(tensors),
     "NaN in the normalisation": fill("normalization.observations.reward.mean", math.nan),
+    "infinity in the normalisation": fill("normalization.returns.var", math.inf),
+    "a huge mean": fill("normalization.observations.reward.mean", 1e200),
     "a negative variance": fill("normalization.observations.reward.var", -1.0),
     "a mean of another shape": lambda tensors: tensors.update(
         {"normalization.returns.mean": th.zeros(3, dtype=th.float64)}
@@ -223,6 +270,10 @@ TENSOR_FILES = {
     ),
     "very many tensors": lambda tensors: header(
         {f"{number}": {"dtype": "F32", "shape": [0], "data_offsets": [0, 0]} for number in range(100_000)}
+    ),
+    "a name for a terminal": lambda tensors: tensors.update({FOR_A_TERMINAL: th.zeros(1)}),
+    "a name for a terminal of what is not finite": lambda tensors: tensors.update(
+        {FOR_A_TERMINAL: th.tensor([math.nan])}
     ),
     "another name": lambda tensors: tensors.update({"../policy": tensors.pop(first_weight(tensors))}),
     "another type": replace_first(lambda tensor: tensor.double()),
