@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from typing import Any, ClassVar, SupportsFloat
+from typing import Any, ClassVar
 
 import numpy as np
 import torch as th
@@ -22,6 +22,7 @@ from sb3_bruno.algorithms.carried import Carried, State
 from sb3_bruno.algorithms.forgetting import absorb_or_forget
 from sb3_bruno.algorithms.lean_networks import LeanCritic, LeanSquashedGaussian
 from sb3_bruno.algorithms.reading import read_episode_start, read_observation, warn_of_state
+from sb3_bruno.algorithms.values import is_number
 from sb3_bruno.buffers.extended_obs import CriticInput, ExtendedObs, SliceExtractor
 from sb3_bruno.buffers.numbers import check_numbers, place_in_env
 from sb3_bruno.buffers.transfer import to_device
@@ -111,7 +112,7 @@ class TaskInferencePolicy(BasePolicy):
 
     @forget_threshold.setter
     def forget_threshold(self, nats: float | None) -> None:
-        if nats is not None and not (isinstance(nats, SupportsFloat) and nats > 0):
+        if nats is not None and not (is_number(nats) and nats > 0):
             raise ValueError(f"`forget_threshold` must be positive nats, got {nats!r}: None never forgets.")
         if nats is not None:
             check_ability(self.encoder, Predicts, f"`forget_threshold={nats}`")
@@ -184,8 +185,7 @@ class TaskInferencePolicy(BasePolicy):
         """Act, as SB3's recurrent policies do: pass back the ``state`` that the last call returned.
 
         Args:
-            observation: what ``TransitionObservation`` returns, or a batch of it. An extended observation (an array or
-                tensor, as in the replay buffer) is acted on as it is.
+            observation: what ``TransitionObservation`` returns, or a batch of it; or extended, as in the replay buffer.
             state: the belief so far; None is the prior.
             episode_start: where True, shape (n_envs,), the belief starts again from the prior.
             deterministic: the actor's mode instead of a sample.

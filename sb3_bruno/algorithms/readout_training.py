@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 import torch as th
-from stable_baselines3.common.type_aliases import GymEnv
+from stable_baselines3.common.type_aliases import GymEnv, TensorDict
 from stable_baselines3.common.utils import update_learning_rate
 from torch import Tensor
 
 from sb3_bruno.algorithms.encoder_training import EncoderTraining
+from sb3_bruno.algorithms.readout_parameters import check_readout
 from sb3_bruno.algorithms.task_estimate import TaskLabels, few_tasks, list_tasks, read_labels
 from sb3_bruno.algorithms.values import check_whole
 from sb3_bruno.buffers.sampled_episodes import sample_episodes
@@ -146,6 +147,17 @@ class ReadoutTraining(EncoderTraining):
                 "transitions are collected, `fit_readout` learns another.",
                 stacklevel=2,
             )
+
+    def set_parameters(
+        self, load_path_or_dict: str | TensorDict, exact_match: bool = True, device: th.device | str = "auto"
+    ) -> None:
+        given: Any = load_path_or_dict  # a dict, as ``Saving`` gives it
+        tasks = check_readout(self.policy.readout, given.get("policy"), exact_match=exact_match)
+        super().set_parameters(given, exact_match, device)
+        if tasks is not None:  # the same in another order: their names come along
+            called = dict(zip(map(tuple, self.policy_kwargs["readout"]["tasks"]), self.task_labels.tasks, strict=True))
+            self.policy_kwargs["readout"] = {"tasks": tasks}
+            self._task_labels = self.task_labels._replace(tasks=tuple(called[tuple(task)] for task in tasks))
 
     def _add_readout(self) -> None:
         if self.env is None:

@@ -98,8 +98,11 @@ class Saving(ReadoutTraining):
     ) -> None:
         """Set as in SB3; all of them, or none if one is refused.
 
+        A read-out that tells the same few tasks in another order brings its order along.
+
         Raises:
-            ValueError: if a name is unknown or missing, or a number is not finite.
+            ValueError: if a name is unknown or missing, a shape is another, a number is not finite, or the read-out is
+                of other tasks.
         """
         given: Any = load_path_or_dict
         if not isinstance(load_path_or_dict, Mapping):
@@ -108,8 +111,11 @@ class Saving(ReadoutTraining):
         before = copy.deepcopy(self.get_parameters())
         try:
             super().set_parameters(given, exact_match, device)
-        except Exception:
+        except Exception as error:
             super().set_parameters(before)  # type: ignore[arg-type]  # SB3 gives them as it takes them
+            if isinstance(error, RuntimeError):  # of torch, on a line for each name
+                told = " ".join(str(error).split())[:300]
+                raise ValueError(f"The parameters are not those of such an agent: {told}. Give its own.") from error
             raise
 
     @classmethod
@@ -149,7 +155,10 @@ class Saving(ReadoutTraining):
         _check_finite({**parameters, **(variables or {})})
         if data is not None:
             _check_policy_kwargs(kwargs.pop("policy_kwargs"), data["policy_kwargs"])
-        return super().load(path, env, device, custom_objects, print_system_info, force_reset, **kwargs)
+        try:
+            return super().load(path, env, device, custom_objects, print_system_info, force_reset, **kwargs)
+        except KeyError as error:  # SB3 takes a refusal for that of an old DQN, whose optimiser it looks for
+            raise (error.__context__ if isinstance(error.__context__, ValueError) else error) from None
 
     def _check_saved_class(self) -> None:
         """Refuse to be loaded from what another class saved, unless one of the two is made from the other."""

@@ -60,8 +60,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         encoder_learning_rate: learning rate of the encoder's Adam, may be a schedule. None: the encoder's own default.
         encoder_batch_size: sequences per encoder update, of the replay buffer's ``sequence_length`` each. None: 16.
         encoder_update_ratio: encoder updates per actor-critic update, may be a fraction. None: 0.5.
-        encoder_learning_starts: env steps before the first encoder update; None: ``learning_starts``. A smaller
-            value trains the encoder while actions are still random.
+        encoder_learning_starts: env steps before the first encoder update. None: ``learning_starts``, often more.
         encoder_tau: how fast a target encoder follows the encoder, per update of it, in (0, 1]. The beliefs of next
             observations are the target encoder's. None: there is none, they are the encoder's.
         critic_input: what critics read beside observation and action: "task", "belief" or "both". None: "belief" where
@@ -109,6 +108,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
                 "encoder_update_ratio": encoder_update_ratio,
                 "encoder_learning_starts": encoder_learning_starts,
                 "encoder_tau": encoder_tau,
+                "task_readout": task_readout,
             }
         )
         encoder_class = self.default_encoder if encoder_class is None else encoder_class

@@ -64,7 +64,14 @@ RANGES = {
 }
 """The least and the greatest value of numbers."""
 DICTS = {"encoder_kwargs", "policy_kwargs", "replay_buffer_kwargs"}
-FLAGS = {"handle_timeout_termination", "optimize_memory_usage", "use_expln", "use_sde", "use_sde_at_warmup"}
+FLAGS = {
+    "handle_timeout_termination",
+    "optimize_memory_usage",
+    "task_readout",
+    "use_expln",
+    "use_sde",
+    "use_sde_at_warmup",
+}
 NEVER_NONE = {*(LEAST.keys() - {"seed"}), "gamma", "tau", "learning_rate"}
 
 

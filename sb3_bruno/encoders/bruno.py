@@ -20,7 +20,7 @@ from zuko.lazy import Flow
 from sb3_bruno.encoders.abilities import Moments, Outcomes
 from sb3_bruno.encoders.base import Loss, TaskEncoder, TaskSequences, Transitions, map_memory
 from sb3_bruno.encoders.bruno_arguments import BeliefForm, Objective, ProcessName, check_choices
-from sb3_bruno.encoders.choices import check_layers
+from sb3_bruno.encoders.choices import check_layers, check_least
 from sb3_bruno.encoders.exchangeable_model import ExchangeableModel
 from sb3_bruno.encoders.kernel_model import KernelModel
 from sb3_bruno.encoders.latents import LatentModel, Seen, unrewarded
@@ -89,13 +89,12 @@ class BrunoEncoder(TaskEncoder[Any]):
     ) -> None:
         super().__init__()
         check_choices(modelled=modelled, process=process, objective=objective, belief=belief)
-        if extra_dims < 0:
-            raise ValueError(f"`extra_dims` must not be negative, got {extra_dims}.")
+        check_least("extra_dims", extra_dims, 0)
         if extra_dims and process != "gaussian":
             raise ValueError(
                 f"`extra_dims={extra_dims}` needs `process='gaussian'`, got {process!r}: a kernel has no use for noise."
             )
-        if not isinstance(n_weights, int) or n_weights < 1:
+        if not isinstance(n_weights, int) or isinstance(n_weights, bool) or n_weights < 1:
             raise ValueError(f"`n_weights` must be a positive integer, got {n_weights!r}.")
         check_layers("net_arch", net_arch)
         if isinstance(flow_class, str) and flow_class not in FLOWS:

@@ -24,12 +24,12 @@ def check_choice(name: str, value: object, choices: Any) -> None:
 
 
 def check_least(name: str, value: float, least: float) -> None:
-    """Refuse a number that is too small, or not finite.
+    """Refuse a number that is too small, or not finite, and True and False, which Python takes for 1 and 0.
 
     Raises:
         ValueError: naming the argument, its value and the least that it may be.
     """
-    if not least <= value < math.inf:
+    if isinstance(value, bool) or not least <= value < math.inf:
         raise ValueError(f"`{name}` must be finite and at least {least}, got {value!r}.")
 
 

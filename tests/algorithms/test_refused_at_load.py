@@ -5,6 +5,7 @@ import io
 import pickle
 import re
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch as th
@@ -81,12 +82,57 @@ def test_refused_parameters_leave_the_model_as_it_was(trained):
         "NaN": {**other, "policy": {key: value * th.nan for key, value in other["policy"].items()}},
     }
     for name, parameters in broken.items():
-        with pytest.raises((ValueError, RuntimeError, KeyError)):
+        with pytest.raises(ValueError, match=r"\. |expected|not finite|invalid object name"):
             model.set_parameters(parameters)
         assert_same(model.get_parameters(), before)
         assert name
     model.set_parameters(other)
     assert_same(model.get_parameters()["policy"], other["policy"])
+
+
+LEFT, RIGHT, UP = [-1.0, 0.0], [1.0, 0.0], [0.0, 1.0]
+MANY = [[float(np.cos(angle)), float(np.sin(angle))] for angle in np.linspace(0, 3, 12)]
+
+
+def of_tasks(*tasks, **kwargs):
+    """An untrained agent of these tasks."""
+    return BrunoSAC("MlpPolicy", gym.make(POINT, tasks=list(tasks)), **tiny(BrunoSAC, **kwargs))
+
+
+def test_tasks_in_another_order_bring_their_names_along(tmp_path):
+    source, target = of_tasks(LEFT, RIGHT), of_tasks(RIGHT, LEFT)
+    with th.no_grad():
+        source.policy.readout.logits.bias.copy_(th.tensor([3.0, -3.0]))
+    target.set_parameters(source.get_parameters())
+    target.save(tmp_path / "target")
+    state = source.predict(source.get_env().reset())[1]
+    expected = source.task_estimate(state)
+    assert expected.texts()[0].startswith("left")
+    for model in (target, BrunoSAC.load(tmp_path / "target")):
+        estimate = model.task_estimate(state)
+        assert estimate.texts() == expected.texts() and estimate.labels == expected.labels
+        assert_same(estimate.mean, expected.mean)
+
+
+@pytest.mark.parametrize(
+    ("given", "own", "told"),
+    [
+        ([LEFT, RIGHT], [LEFT, UP], "of the same tasks"),
+        ([LEFT, RIGHT], [LEFT, RIGHT, UP], "of the same tasks"),
+        ([LEFT, RIGHT], MANY, "read-out of the tasks .*, and the agent's is of many tasks"),
+        (MANY, [LEFT, RIGHT], "read-out of many tasks, and the agent's is of the tasks"),
+        ([LEFT, RIGHT], None, "the agent has no read-out of the task: .*`task_readout=True`"),
+        (None, [LEFT, RIGHT], "they have no read-out of the task: .*`task_readout=False`"),
+    ],
+)
+def test_parameters_of_a_readout_of_other_tasks_are_refused(given, own, told):
+    source, target = (
+        of_tasks(LEFT, RIGHT, task_readout=False) if tasks is None else of_tasks(*tasks) for tasks in (given, own)
+    )
+    before = copy.deepcopy(target.get_parameters())
+    with pytest.raises(ValueError, match=told):
+        target.set_parameters(source.get_parameters())
+    assert_same(target.get_parameters(), before)
 
 
 @pytest.mark.parametrize("fill", [{"env": "sb3_bruno_envs:CheetahDir-v0"}, {"env": POINT, "algorithm": RecurrentSAC}])

@@ -6,6 +6,7 @@ from stable_baselines3.common.noise import NormalActionNoise
 
 from sb3_bruno import BrunoSAC, BrunoTD3, BrunoTQC, RecurrentSAC
 from sb3_bruno.algorithms.values import check_values
+from sb3_bruno.encoders import BrunoEncoder, CausalTransformer, RandomFeatures, RecurrentEncoder
 
 POINT = "sb3_bruno_envs:PointDir-v0"
 SMALL = {"policy_kwargs": {"net_arch": [8]}, "buffer_size": 100}
@@ -47,6 +48,7 @@ SMALL = {"policy_kwargs": {"net_arch": [8]}, "buffer_size": 100}
         ({"ent_coef": "auto-0.1"}, ValueError),
         ({"target_entropy": "low"}, ValueError),
         ({"use_sde": "yes"}, TypeError),
+        ({"task_readout": 5}, TypeError),
         ({"encoder_kwargs": 3}, TypeError),
         ({"policy_kwargs": "net_arch"}, TypeError),
         ({"replay_buffer_kwargs": ["context"]}, TypeError),
@@ -183,3 +185,44 @@ def test_learn_refuses_what_it_cannot_count_to(given, line):
         model.learn(**given)
     assert line in str(told.value)
     assert model.learn(1e0, log_interval=None).num_timesteps == 1
+
+
+TRUE_FOR_A_NUMBER = [
+    *({name: True} for name in ("batch_size", "learning_starts", "gamma", "tau", "learning_rate", "ent_coef", "seed")),
+    *({name: True} for name in ("train_freq", "gradient_steps", "target_entropy", "encoder_tau", "stats_window_size")),
+    *({f"encoder_{name}": True} for name in ("batch_size", "update_ratio", "learning_starts", "learning_rate")),
+    *({"encoder_kwargs": {name: True}} for name in ("n_weights", "extra_dims")),
+    *({"replay_buffer_kwargs": {name: True}} for name in ("n_sequences", "sequence_length", "n_recent")),
+    *({"policy_kwargs": {name: True}} for name in ("forget_threshold", "n_critics", "log_std_init", "clip_mean")),
+    {"policy_kwargs": {"net_arch": [True]}},
+]
+
+
+@pytest.mark.parametrize("given", TRUE_FOR_A_NUMBER, ids=str)
+def test_true_is_no_number(given):
+    with pytest.raises((TypeError, ValueError), match=r"=True|=.True, |got True"):
+        BrunoSAC("MlpPolicy", POINT, **given)
+
+
+@pytest.mark.parametrize("nats", [True, False, np.True_, "5", 0, -1.0, float("nan"), [5.0]])
+def test_a_threshold_that_is_set_later_is_positive_nats(nats):
+    model = BrunoSAC("MlpPolicy", POINT, **SMALL)
+    with pytest.raises(ValueError, match="`forget_threshold` must be positive nats, got "):
+        model.policy.forget_threshold = nats
+    assert model.policy.forget_threshold is None
+
+
+@pytest.mark.parametrize(
+    ("encoder", "arguments"),
+    [
+        (BrunoEncoder, {"n_weights": True}),
+        (BrunoEncoder, {"extra_dims": True, "process": "gaussian"}),
+        (BrunoEncoder, {"net_arch": (True,)}),
+        (RecurrentEncoder, {"hidden_size": True}),
+        (CausalTransformer, {"window": True}),
+        (RandomFeatures, {"n_features": True}),
+    ],
+)
+def test_true_is_no_size_of_an_encoder(encoder, arguments):
+    with pytest.raises(ValueError, match=r"got .*True"):
+        encoder(2, 2, **arguments)
