@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 
+from huggingface_sb3 import EnvironmentName
+
+from sb3_bruno.files.markdown import as_code, as_text
+from sb3_bruno.runs.folder import AGENT_FILE
 from sb3_bruno.runs.record import RunRecord
 
 PICTURE = "adaptation.png"
+_PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*-v[0-9]+")  # what YAML reads as a text without quotes
 _TAGS = ("sb3_bruno", "stable-baselines3", "reinforcement-learning", "meta-reinforcement-learning")
 
 
@@ -30,18 +37,21 @@ def write_card(
     """
     config = record.about["config"]
     algo, env = config["algo"], config["env"]
+    file = f"{EnvironmentName(env)}{AGENT_FILE}"
     parts = [
         _front_matter(env),
-        f"# {record.method} on {env}",
+        f"# {as_text(f'{record.method} on {env}')}",
         f"An agent that works out which task it is in while it acts: `{class_name}` of sb3_bruno, trained for "
         f"{config['env_steps']:,} env steps{_seed(config)}.",
         _returns(record),
         *([f"![Reward in an episode]({PICTURE})"] if has_picture else []),
         "## Use",
-        f"```bash\nsb3-bruno enjoy -f agents --algo {algo} --env {env}\n```",
-        f'```python\nfrom sb3_bruno.export import load_agent\n\nagent = load_agent("{env}.agent")\n```',
+        as_code(shlex.join(["sb3-bruno", "enjoy", "-f", "agents", "--algo", algo, "--env", env]), "bash"),
+        as_code(f"from sb3_bruno.export import load_agent\n\nagent = load_agent({json.dumps(file)})", "python"),
         "The file holds JSON and tensors alone, so that loading it runs no code of its author.",
-        *([f"## How far its belief can be trusted\n\n```text\n{diagnosed.strip()}\n```"] if diagnosed else []),
+        *([f"## How far its belief can be trusted
+
+{as_code(diagnosed, 'text')}"] if diagnosed else []),
         "## How it was made",
         _made(record, command),
         "`sb3-bruno pack` wrote this card from the record of the run.",
@@ -51,12 +61,12 @@ def write_card(
 
 def _front_matter(env: str) -> str:
     """Write what the Hugging Face hub reads."""
-    tags = "\n".join(f"- {tag}" for tag in (*_TAGS, env))
+    tags = "\n".join(f"- {tag}" for tag in (*_TAGS, env if _PLAIN.fullmatch(env) else json.dumps(env)))
     return f"---\nlibrary_name: sb3_bruno\npipeline_tag: reinforcement-learning\ntags:\n{tags}\n---"
 
 
 def _seed(config: Mapping[str, object]) -> str:
-    return "" if config.get("seed") is None else f", seed {config['seed']}"
+    return "" if config.get("seed") is None else f", seed {as_text(str(config['seed']))}"
 
 
 def _returns(record: RunRecord) -> str:
@@ -66,14 +76,14 @@ def _returns(record: RunRecord) -> str:
     groups = record.parts() or {f"all {len(labels)}": labels}
     scores = {measure: record.scores(measure) for measure in measures}
     lines = [
-        "| test tasks | " + " | ".join(_heading(measure) for measure in measures) + " |",
+        "| test tasks | " + " | ".join(as_text(_heading(measure)) for measure in measures) + " |",
         "|---" * (1 + len(measures)) + "|",
     ]
     for name, tasks in groups.items():
         if len(tasks) == 0:
             continue  # as between training tasks, where all tests lie outside
         means = [f"{scores[measure][tasks].mean():,.1f}" for measure in measures]
-        lines.append("| " + " | ".join([str(name), *means]) + " |")
+        lines.append("| " + " | ".join([as_text(str(name)), *means]) + " |")
     n_episodes = record.episodes.groupby("task").size().max()
     actions = "the most likely actions" if config.get("deterministic", True) else "drawn actions"
     return "\n".join(lines) + f"\n\nMeans over {n_episodes} episodes of each task, with {actions}."
@@ -90,10 +100,10 @@ def _made(record: RunRecord, command: Sequence[str]) -> str:
     """Tell the command, the commits and the versions."""
     found = []
     if command:
-        found.append(f"```bash\nsb3-bruno train {shlex.join(command)}\n```")
+        found.append(as_code(shlex.join(["sb3-bruno", "train", *command]), "bash"))
     commits = record.about["config"].get("trained_at")
     if isinstance(commits, list) and commits:
-        found.append(f"Trained at commit {', '.join(map(str, commits))} of sb3_bruno.")
+        found.append(f"Trained at commit {as_text(', '.join(map(str, commits)))} of sb3_bruno.")
     versions = ", ".join(f"{name} {version}" for name, version in record.about["versions"].items())
-    found.append(f"Tested with {versions}.")
+    found.append(f"Tested with {as_text(versions)}.")
     return "\n\n".join(found)

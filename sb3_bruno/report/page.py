@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from sb3_bruno.evaluation.interquartile import Interval, interquartile_mean
+from sb3_bruno.files.markdown import as_text
 from sb3_bruno.plotting.names import ORACLE
 from sb3_bruno.report.figures import draw_page
 from sb3_bruno.report.methods import (
@@ -112,15 +112,15 @@ def provenance(methods: Methods, shared: Sequence[str] = ()) -> list[str]:
     """Say what the numbers are, what all methods share beyond their configs, and which versions made the numbers."""
     versions = every_run(methods)[0].about["versions"]
     splits = sorted({config_of(run)["split"] for run in every_run(methods) if "split" in config_of(run)})
-    tasks = _as_text(f"{' and '.join(splits)} tasks")
+    tasks = as_text(f"{' and '.join(splits)} tasks")
     names = ("python", "torch", "stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "zuko")
     return [
         "Final test, with deterministic actions unless the method is called stochastic. "
         f"Each run: mean over the {tasks} that the method was given. "
         "Each method: interquartile mean over seeds (plain mean for three or fewer), with a 95 % bootstrap interval. "
         "The columns of parts and of steps to 90 % hold such means too; the lowest episode is that of all seeds.",
-        *([_as_text(f"All methods: {', '.join(shared)}.")] if shared else []),
-        _as_text("Versions: " + ", ".join(f"{name} {versions[name]}" for name in names if name in versions) + "."),
+        *([as_text(f"All methods: {', '.join(shared)}.")] if shared else []),
+        as_text("Versions: " + ", ".join(f"{name} {versions[name]}" for name in names if name in versions) + "."),
     ]
 
 
@@ -144,9 +144,4 @@ def _header(names: Sequence[str]) -> list[str]:
 
 
 def _row(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(map(_as_text, cells))} |"
-
-
-def _as_text(said: str) -> str:
-    """Write what a record says so that Markdown shows it as it is, on one line."""
-    return html.escape(" ".join(said.split()), quote=False).replace("|", "\\|")
+    return f"| {' | '.join(map(as_text, cells))} |"
