@@ -35,13 +35,15 @@ class _Watched(NamedTuple):
         n_steps: how many are taken.
         load_best: whether the best model is watched.
         renders: whether it is shown.
-        is_last: whether it is the agent at the end of the training or the best one, and no checkpoint.
+        checkpoint: steps of the checkpoint that is watched; None for none.
+        last_checkpoint: whether the last checkpoint is watched.
     """
 
     n_steps: int
     load_best: bool
     renders: bool
-    is_last: bool
+    checkpoint: str | None
+    last_checkpoint: bool
 
     @classmethod
     def of(cls, command: str, chosen: Chosen) -> _Watched:
@@ -52,8 +54,8 @@ class _Watched(NamedTuple):
         parser.add_argument("--load-checkpoint")
         parser.add_argument("--load-last-checkpoint", action="store_true")
         flags, _ = parser.parse_known_args(chosen.rest)
-        is_last = flags.load_checkpoint is None and not flags.load_last_checkpoint
-        return cls(flags.n_timesteps, flags.load_best, not flags.no_render, is_last)
+        checkpoints = flags.load_checkpoint, flags.load_last_checkpoint
+        return cls(flags.n_timesteps, flags.load_best, not flags.no_render, *checkpoints)
 
 
 class _Run(NamedTuple):
@@ -186,7 +188,7 @@ def _kept_agent(names: dict[str, Any], run: _Run, watched: _Watched, *, trust: b
     is_downloaded = "rl-trained-agents" in str(run.folder)  # by rl_zoo3, from others
     if stored is None and (run.exists or is_downloaded):
         with told_as_mistake():
-            check_pickle(run.folder, trust=trust)
+            check_pickle(_zip_file(run, watched), trust=trust)
     make = with_statistics(rl_zoo3.utils.create_test_env, stored, load_best=watched.load_best)
     with ExitStack() as stack:
         stack.enter_context(replaced(names, "create_test_env", make))
@@ -204,7 +206,7 @@ def _agent_file(run: _Run, watched: _Watched) -> StoredAgent | None:
 
     from sb3_bruno.zoo.stored_agent import StoredAgent
 
-    if not run.exists or not watched.is_last:
+    if not run.exists or watched.checkpoint is not None or watched.last_checkpoint:
         return None
     name = EnvironmentName(run.env)
     try:
@@ -212,6 +214,18 @@ def _agent_file(run: _Run, watched: _Watched) -> StoredAgent | None:
     except (AssertionError, ValueError):
         return None
     return stored if stored.is_safe else None
+
+
+def _zip_file(run: _Run, watched: _Watched) -> Path:
+    """Find the zip that rl_zoo3 will load; where there is none, which it tells, the log folder."""
+    from huggingface_sb3 import EnvironmentName
+    from rl_zoo3.utils import get_model_path
+
+    which = watched.load_best, watched.checkpoint, watched.last_checkpoint
+    try:
+        return Path(get_model_path(run.exp_id, str(run.folder), run.algo, EnvironmentName(run.env), *which)[1])
+    except (AssertionError, ValueError):
+        return run.folder
 
 
 def _rl_zoo3_record_video(watched: _Watched) -> None:

@@ -10,9 +10,7 @@ from pathlib import Path
 from huggingface_hub import HfApi, get_token
 from huggingface_hub.errors import LocalTokenNotFoundError, RepositoryNotFoundError
 
-from sb3_bruno.export.limits import LARGEST_TENSORS, LARGEST_TEXT
-from sb3_bruno.export.shared import check_names
-from sb3_bruno.runs.folder import AGENT_FILE
+from sb3_bruno.export.shared import check_names, check_sizes
 
 LOG_IN = "log in by `hf auth login`, or set HF_TOKEN"
 _OF_THE_HUB = ".gitattributes"  # which the hub itself puts there
@@ -63,10 +61,7 @@ def fetch(repo_id: str, folder: Path) -> str:
         info = api.model_info(repo_id, files_metadata=True)
         sizes = {file.rfilename: file.size for file in info.siblings or [] if file.rfilename != _OF_THE_HUB}
     env = check_names(sizes, f"--repo-id {repo_id}")
-    for name, size in sizes.items():
-        largest = LARGEST_TENSORS + 2 * LARGEST_TEXT if name.endswith(AGENT_FILE) else 4 * LARGEST_TEXT
-        if size is None or size > largest:
-            raise ValueError(f"--repo-id {repo_id}: {name} has {size} bytes, and {largest:,} are allowed")
+    check_sizes(sizes, f"--repo-id {repo_id}")
     with _told(repo_id):
         for name in sizes:
             api.hf_hub_download(repo_id, name, revision=info.sha, local_dir=folder)

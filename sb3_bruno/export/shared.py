@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from sb3_bruno.export.card import PICTURE
+from sb3_bruno.export.limits import LARGEST_TENSORS, LARGEST_TEXT
+from sb3_bruno.files.shown import shown
 from sb3_bruno.runs.folder import AGENT_FILE
 from sb3_bruno.runs.origin import ORIGIN
 
 CARD, DIAGNOSED = "README.md", "diagnostics.txt"
 _FURTHER = (ORIGIN, PICTURE, DIAGNOSED)
-_ENV = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
+_ENV = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")  # no path upwards, no flag, nothing that a shell reads
 
 
 def needed_files(env: str) -> list[str]:
@@ -51,11 +53,32 @@ def check_names(names: Iterable[str], place: str) -> str:
     """
     found = set(names)
     agents = [name.removesuffix(AGENT_FILE) for name in found if name.endswith(AGENT_FILE)]
-    if len(agents) != 1 or not _ENV.fullmatch(agents[0]):
-        raise ValueError(f"{place} holds {len(agents)} agent files with plain names, not one: give another")
+    if len(agents) != 1:
+        raise ValueError(f"{place} holds {len(agents)} agent files, not one: give another")
+    if not _ENV.fullmatch(agents[0]):
+        raise ValueError(
+            f"{place} holds an agent of {shown(agents[0])}, which cannot be shared by that name: register the "
+            "environment by one of letters, digits, dots, dashes and underscores"
+        )
     needed = set(needed_files(agents[0]))
     for name in sorted(found - needed - set(_FURTHER)):
-        raise ValueError(f"{place} holds {name!r:.80}, which is no file of an agent: give another")
+        raise ValueError(f"{place} holds {shown(name)}, which is no file of an agent: give another")
     for name in sorted(needed - found):
         raise ValueError(f"{place} lacks {name}: give another")
     return agents[0]
+
+
+def check_sizes(sizes: Mapping[str, int | None], place: str) -> None:
+    """Refuse files of an agent that are larger than any.
+
+    Args:
+        sizes: bytes by path; None where nobody knows.
+        place: where they are, for the error.
+
+    Raises:
+        ValueError: naming the file.
+    """
+    for name, size in sizes.items():
+        largest = LARGEST_TENSORS + 2 * LARGEST_TEXT if name.endswith(AGENT_FILE) else 4 * LARGEST_TEXT
+        if size is None or size > largest:
+            raise ValueError(f"{place}: {name} has {size} bytes, and {largest:,} are allowed")

@@ -42,7 +42,11 @@ def trained_at(run: Path) -> list[str]:
 def _versions(origin: dict[str, Any]) -> list[dict[str, str]]:
     """Return the versions that trained each part; a part that somebody wrote otherwise is left out."""
     versions = origin.get("versions")
-    return [part for part in versions if isinstance(part, dict)] if isinstance(versions, list) else []
+    return [part for part in versions if _are_texts_by_name(part)] if isinstance(versions, list) else []
+
+
+def _are_texts_by_name(part: Any) -> bool:
+    return isinstance(part, dict) and all(isinstance(text, str) for text in part.values())
 
 
 def _load(run: Path) -> dict[str, Any]:
@@ -54,7 +58,7 @@ def _load(run: Path) -> dict[str, Any]:
         origin = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(origin, dict):
             raise ValueError("it holds no JSON object")
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:  # the last if it is nested too deep
         warnings.warn(f"{path} cannot be read ({error}), so nobody knows at which commit the run trained", stacklevel=3)
         return {}
     return origin

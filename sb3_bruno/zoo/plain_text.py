@@ -32,7 +32,7 @@ def check_texts(config: Mapping[str, Any]) -> None:
         given = config.get(name)
         for entry in given if isinstance(given, list) else [given] if given else []:
             path = next(iter(entry), "") if isinstance(entry, dict) else entry
-            if not _names_a(kind, path):
+            if not names_a(kind, path):
                 raise ValueError(f"{name}={path!r} is no {kind.__name__} that can be imported: name another")
 
 
@@ -57,7 +57,7 @@ def _is_plain_node(node: ast.AST) -> bool:
     return isinstance(node, (*VALUES, ast.arguments))
 
 
-def _names_a(kind: type, path: Any) -> bool:
+def names_a(kind: type, path: Any) -> bool:
     """Tell whether "package.module.Class" is a class of a kind."""
     module, _, name = str(path).rpartition(".")
     try:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from sb3_bruno.zoo.configs import config_file, config_name, find_config, read_configs
 from sb3_bruno.zoo.saved_yaml import read_saved
+from sb3_bruno.zoo.setting_kinds import check_settings_kinds
 
 NEEDED = {"conf_file", "env_kwargs", "hyperparams"}
 """Arguments of the command line that tell one run from another."""
@@ -33,7 +34,7 @@ class SavedRun(NamedTuple):
             params: the folder that holds them, which is named after the environment, in the run's folder.
 
         Raises:
-            ValueError: if one of them is missing or cannot be read.
+            ValueError: if one of them is missing or cannot be read, or a setting is of a wrong kind.
         """
         arguments = read_saved(params / "args.yml")
         hyperparams = {"normalize": False} | read_saved(params / "config.yml")
@@ -41,6 +42,7 @@ class SavedRun(NamedTuple):
             if not saved.keys() >= needed:
                 missing = ", ".join(sorted(needed - saved.keys()))
                 raise ValueError(f"{params / name} cannot be read: it has no {missing}: train again")
+            check_settings_kinds(saved, params / name)
         policy_kwargs = hyperparams.get("policy_kwargs")
         if isinstance(policy_kwargs, dict) and policy_kwargs.get("use_sde") is False:
             del policy_kwargs["use_sde"]  # SB3 writes this default into the dict that it is given
@@ -55,7 +57,7 @@ class SavedRun(NamedTuple):
     @property
     def env_kwargs(self) -> dict[str, Any]:
         """The keywords that the environment was made with: the config's, then the command line's."""
-        return {**self.hyperparams.get("env_kwargs", {}), **(self.arguments["env_kwargs"] or {})}
+        return {**(self.hyperparams.get("env_kwargs") or {}), **(self.arguments["env_kwargs"] or {})}
 
     def choices(self, algo: str, env_id: str) -> dict[str, Any]:
         """Tell this run from others: which config it chose, where it differs from that, and all hyperparameters.
@@ -80,8 +82,18 @@ class SavedRun(NamedTuple):
             names = {**found, **expected}
             differing = {name: found.get(name) for name in names if found.get(name) != expected.get(name)}
         chosen = {"conf": config_name(algo, conf), "params": differing, "hyperparameters": used}
-        as_json: dict[str, Any] = json.loads(json.dumps(chosen, default=str))
+        as_json: dict[str, Any] = _as_json(chosen)
         return as_json
+
+
+def _as_json(value: Any) -> Any:
+    """Turn a setting into values that JSON can hold: what it has no value for, such as infinity, becomes text."""
+    if isinstance(value, Mapping):
+        return {str(name): _as_json(entry) for name, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_as_json(entry) for entry in value]
+    is_known = value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and isfinite(value))
+    return value if is_known else str(value)
 
 
 def _flat(settings: Mapping[str, Any], path: str = "") -> dict[str, Any]:

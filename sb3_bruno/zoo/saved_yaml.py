@@ -15,6 +15,7 @@ from sb3_bruno.zoo.one_line import in_one_line
 
 LARGEST = 200_000  # bytes
 MOST_ALIASES = 20
+MOST_VALUES = 100_000  # each counted as often as aliases repeat it
 NAMED = (th.nn.Module, th.optim.Optimizer, BaseBuffer)  # what a hyperparameter may name a class of
 
 
@@ -74,6 +75,21 @@ def read_saved(path: Path) -> dict[str, Any]:
         saved = yaml.load(path.read_text(encoding="utf-8"), Loader=SavedLoader)  # a SafeLoader
     except Exception as error:  # a damaged or hostile file may raise anything
         raise ValueError(f"{path} cannot be read: {in_one_line(error)}: train again") from error
+    if not _is_small(saved):
+        raise ValueError(f"{path} cannot be read: it holds more than {MOST_VALUES:,} values, or itself: train again")
     if not isinstance(saved, dict):
         raise ValueError(f"{path} cannot be read: it holds no settings by name: train again")
     return dict(saved)
+
+
+def _is_small(saved: Any) -> bool:
+    """Tell whether a value holds few others, however aliases nest it."""
+    rest, n_values = [saved], 0
+    while rest and n_values <= MOST_VALUES:
+        value = rest.pop()
+        n_values += 1
+        if isinstance(value, dict):
+            rest += [*value, *value.values()]
+        elif isinstance(value, list | tuple | set):
+            rest += value
+    return n_values <= MOST_VALUES

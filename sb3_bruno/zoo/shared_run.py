@@ -12,7 +12,8 @@ from rl_zoo3.utils import get_latest_run_id
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.export import load_agent, save_agent
 from sb3_bruno.export.card import PICTURE, write_card
-from sb3_bruno.export.shared import CARD, DIAGNOSED, check_names, shared_files
+from sb3_bruno.export.shared import CARD, DIAGNOSED, check_names, check_sizes, needed_files, shared_files
+from sb3_bruno.files.shown import shown
 from sb3_bruno.files.whole import whole_file
 from sb3_bruno.runs.folder import AGENT_FILE
 from sb3_bruno.runs.origin import ORIGIN, load_command
@@ -33,11 +34,13 @@ def pack(agent: TrainedAgent, out: Path, record: Path | None) -> Path:
         record: the folder of its record, as ``sb3-bruno report`` makes it; None for the tests in its run.
 
     Raises:
-        ValueError: if the agent infers no task, is no plain data, or was not tested.
+        ValueError: if the agent infers no task, is no plain data, or was not tested, or its environment has a name by
+            which nothing is shared.
     """
     model, env = agent.model, EnvironmentName(agent.config["env"])
     if not isinstance(model, TaskInference):
         raise ValueError(f"--algo {agent.config['algo']} infers no task, so there is no agent file of it")
+    check_names(needed_files(env), str(agent.folder))
     known = with_names(RunRecord.load(record) if record is not None else RunRecord.from_run(agent.folder))
     for name in ("algo", "env", "env_steps", "seed"):
         if known.about["config"].get(name) != agent.config[name]:
@@ -71,7 +74,7 @@ def pack(agent: TrainedAgent, out: Path, record: Path | None) -> Path:
 
 
 def files_to_share(logs: Path, algo: str, env: str, exp_id: int) -> tuple[Path, list[str]]:
-    """Find the folder of an agent that was packed, and name its files.
+    """Find the folder of an agent that was packed, and name its files, which ``take_in`` would take elsewhere.
 
     Args:
         logs: the folder of agents.
@@ -80,12 +83,16 @@ def files_to_share(logs: Path, algo: str, env: str, exp_id: int) -> tuple[Path, 
         exp_id: the run's number, 0 for the latest.
 
     Raises:
-        ValueError: if one of them is missing.
+        ValueError: if one of them is missing, or not as ``pack`` makes it.
     """
     name = EnvironmentName(env)
     number = exp_id or get_latest_run_id(str(logs / algo), name)
     folder = logs / algo / f"{name}_{number}"
-    return folder, shared_files(folder, name)
+    names = shared_files(folder, name)
+    check_names(names, str(folder))
+    check_sizes({name: (folder / name).stat().st_size for name in names}, str(folder))
+    _check_files(folder, name, packages=None)
+    return folder, names
 
 
 def take_in(fetched: Path, out: Path, place: str, packages: Sequence[str]) -> Path:
@@ -102,12 +109,10 @@ def take_in(fetched: Path, out: Path, place: str, packages: Sequence[str]) -> Pa
     """
     names = [str(path.relative_to(fetched).as_posix()) for path in fetched.rglob("*") if not path.is_dir()]
     env = check_names(names, place)
-    saved = SavedRun.load(fetched / env)
-    check_settings(saved, fetched / env, packages)
-    algo = saved.arguments.get("algo")
-    model = load_agent(fetched / f"{env}{AGENT_FILE}", device="cpu")
-    if not isinstance(algo, str) or type(model) is not ALGORITHMS.get(algo):
-        raise ValueError(f"{place} is a {type(model).__name__} whose settings are of {algo!r:.60}: give another")
+    try:
+        algo = _check_files(fetched, env, packages)
+    except ValueError as error:  # which names a folder that nobody keeps
+        raise ValueError(f"{place}: {str(error).replace(f'{fetched}/', '')}") from error
     folder = _next(out, algo, env)
     folder.parent.mkdir(parents=True, exist_ok=True)
     shutil.copytree(fetched, folder)
@@ -117,6 +122,32 @@ def take_in(fetched: Path, out: Path, place: str, packages: Sequence[str]) -> Pa
 def _read(path: Path) -> str:
     """Read a text; "" if there is none."""
     return path.read_text(encoding="utf-8") if path.is_file() else ""
+
+
+def _check_files(folder: Path, env: str, packages: Sequence[str] | None) -> str:
+    """Look at the files of an agent that is shared.
+
+    Args:
+        folder: where they are.
+        env: the environment's name, as the folders of runs are named.
+        packages: packages that its settings may name, besides ours; None for all that they name.
+
+    Returns:
+        rl_zoo3's name of its algorithm.
+
+    Raises:
+        ValueError: if a file is not as ``pack`` makes it, or the settings would have other code run.
+    """
+    saved = SavedRun.load(folder / env)
+    check_settings(saved, folder / env, saved.gym_packages if packages is None else packages)
+    if (folder / ORIGIN).is_file():
+        load_command(folder)
+    model = load_agent(folder / f"{env}{AGENT_FILE}", device="cpu")
+    algo = str(saved.arguments.get("algo"))
+    if type(model) is not ALGORITHMS.get(algo):
+        told = f"holds a {type(model).__name__}, and {env}/args.yml says algo {shown(algo)}"
+        raise ValueError(f"{folder / f'{env}{AGENT_FILE}'} {told}: give another")
+    return algo
 
 
 def _next(out: Path, algo: str, env: str) -> Path:

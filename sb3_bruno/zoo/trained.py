@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from sb3_bruno.runs.clock import TrainingClock
 from sb3_bruno.runs.folder import has_agent, is_unfinished, latest_finished
 from sb3_bruno.runs.origin import trained_at
 from sb3_bruno.zoo.environments import make_env, takes, tasks_of
+from sb3_bruno.zoo.one_line import in_one_line
 from sb3_bruno.zoo.registry import check_algorithm, check_registered, import_packages
 from sb3_bruno.zoo.saved_run import SavedRun
 from sb3_bruno.zoo.stored_agent import MakeEnv, StoredAgent
@@ -124,12 +126,14 @@ def load_trained(
         env_kwargs["tasks"] = tasks
     if steps is not None:
         env_kwargs["max_episode_steps"] = steps
-    wrap = get_wrapper_class(saved.hyperparams)
+    with _told_of_settings(stored.params):
+        wrap = get_wrapper_class(saved.hyperparams)
 
     def make_test_env(**more: Any) -> gym.Env[Any, Any]:
         return make_env(env, {**env_kwargs, **more}, wrap)
 
-    test = _test_tasks(make_test_env, env, split, is_needed=needs_tasks)
+    with _told_of_settings(stored.params):
+        test = _test_tasks(make_test_env, env, split, is_needed=needs_tasks)
     if tasks is not None:
         test = _beside_training(test, make_env(env, trained_on, wrap))
     if steps is not None and test.n_inner > 1:
@@ -181,6 +185,20 @@ def packages_of_run(
     if not trust and not is_trusted(run):
         check_settings(saved, run / name, given)
     return saved.gym_packages
+
+
+@contextmanager
+def _told_of_settings(params: Path) -> Iterator[None]:
+    """Tell, of whatever kind the error is, that no environment can be made as a run's settings say."""
+    try:
+        yield
+    except ValueError:
+        raise
+    except Exception as error:  # of Gymnasium, of a wrapper, or of the environment
+        raise ValueError(
+            f"{params} has settings that its environment cannot be made with: {in_one_line(error)}: correct env_kwargs "
+            "in args.yml and config.yml, and the wrappers"
+        ) from error
 
 
 def _test_tasks(make_env: MakeEnv, env_id: str, split: str, *, is_needed: bool) -> TestTasks:

@@ -10,10 +10,15 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from sb3_bruno.files.shown import shown
+from sb3_bruno.zoo.plain_text import CALLED, names_a
 from sb3_bruno.zoo.saved_run import SavedRun
 
 TRUSTED = {"logs", "agents"}
 OURS = "sb3_bruno_envs"
+WRAPPERS = ("env_wrapper", "vec_env_wrapper")
+LARGEST = 100_000
+"""Up to which numbers an environment is made with: steps of an episode, episodes of a trial."""
 
 
 def is_trusted(path: Path) -> bool:
@@ -39,7 +44,7 @@ def check_pickle(path: Path, *, trust: bool) -> None:
 
 
 def check_settings(saved: SavedRun, params: Path, packages: Iterable[str] = ()) -> None:
-    """Refuse settings of a run that have code imported or evaluated, other than that of our environments.
+    """Refuse settings of a run that have code run, other than that of our environments, or have it run for long.
 
     Args:
         saved: the settings.
@@ -49,23 +54,42 @@ def check_settings(saved: SavedRun, params: Path, packages: Iterable[str] = ()) 
     Raises:
         ValueError: naming what they ask for, and the flags.
     """
-    named = [f"the package {package}" for package in saved.gym_packages if package not in {OURS, *packages}]
-    for key in ("env_wrapper", "vec_env_wrapper"):
+    named = [f"the package {shown(package)}" for package in saved.gym_packages if package not in {OURS, *packages}]
+    for key in WRAPPERS:
         wrappers = _names(saved.hyperparams.get(key))
-        named += [f"the wrapper {name!r:.60}" for name in wrappers if not _is_ours(name)]
+        named += [f"the wrapper {shown(name)}" for name in wrappers if not _is_ours(name, CALLED[key])]
     if isinstance(saved.hyperparams["normalize"], str):
-        named.append(f"the expression {saved.hyperparams['normalize']!r:.60}")
+        named.append(f"the expression {shown(saved.hyperparams['normalize'])}")
     if named:
         raise ValueError(
             f"{params} asks for {named[0]}, which is not ours: give --gym-packages with the package, or --trust for all"
         )
+    given = [saved.env_kwargs, *(saved.hyperparams.get(key) for key in WRAPPERS)]
+    for name, number in (entry for settings in given for entry in _numbers(settings)):
+        if not abs(number) <= LARGEST:  # nor is NaN
+            raise ValueError(
+                f"{params} asks for {name}={shown(number)}, and others may ask for {LARGEST:,} at most: give --trust"
+            )
 
 
-def _names(wrappers: Any) -> Iterator[Any]:
+def _numbers(nested: Any, name: str = "") -> Iterator[tuple[str, float]]:
+    """Yield the numbers in settings, each with the name that is nearest."""
+    if isinstance(nested, dict):
+        for key, value in nested.items():
+            yield from _numbers(value, shown(key))
+    elif isinstance(nested, list | tuple):
+        for value in nested:
+            yield from _numbers(value, name)
+    elif isinstance(nested, int | float):
+        yield name, nested
+
+
+def _names(wrappers: Any) -> Iterator[str]:
     """Yield the names of wrappers, as rl_zoo3 reads them: one or a list, each alone or with its arguments."""
     for wrapper in wrappers if isinstance(wrappers, list) else [] if wrappers is None else [wrappers]:
         yield from wrapper if isinstance(wrapper, dict) else [wrapper]
 
 
-def _is_ours(name: Any) -> bool:
-    return isinstance(name, str) and name.startswith(f"{OURS}.") and name.count(".") == 1
+def _is_ours(name: str, kind: type) -> bool:
+    """Tell whether "sb3_bruno_envs.Name" is a wrapper of ours."""
+    return name.startswith(f"{OURS}.") and name.count(".") == 1 and names_a(kind, name)

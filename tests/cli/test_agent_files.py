@@ -2,6 +2,7 @@
 
 import pickle
 import shutil
+from pathlib import Path
 
 import pytest
 import yaml
@@ -96,7 +97,9 @@ def test_a_pickle_elsewhere_needs_trust(run, elsewhere, command, best):
     for path in elsewhere.glob("*.agent"):
         path.unlink()
     mistake = run(*command, *ENV, "-f", "downloads", *best)[1]
-    assert "as a pickle" in mistake and "give --trust" in mistake and "\n" not in mistake
+    file = elsewhere / ("best_model.zip" if best else "PointDir-v0.zip")
+    assert f"{file.relative_to(Path.cwd())} would be loaded as a pickle" in mistake
+    assert "give --trust" in mistake and "\n" not in mistake
     assert run(*command, *ENV, "-f", "downloads", *best, "--trust")[1] == ""
     elsewhere.parents[1].rename(elsewhere.parents[2] / "logs")
     assert run(*command, *ENV, *best)[1] == ""
@@ -117,7 +120,8 @@ def test_a_folder_of_others_agents_is_not_fetched_without_trust(run):
 @pytest.mark.parametrize(
     ("file", "entries", "line"),
     [
-        ("args.yml", {"gym_packages": ["antigravity"]}, "asks for the package antigravity"),
+        ("args.yml", {"gym_packages": ["antigravity"]}, "asks for the package 'antigravity'"),
+        ("args.yml", {"env_kwargs": {"max_episode_steps": 10**12}}, "asks for 'max_episode_steps'=1000000000000"),
         ("config.yml", {"env_wrapper": "os.system"}, "asks for the wrapper 'os.system'"),
         ("config.yml", {"env_wrapper": [{"subprocess.Popen": {}}]}, "asks for the wrapper 'subprocess.Popen'"),
         ("config.yml", {"vec_env_wrapper": "builtins.eval"}, "asks for the wrapper 'builtins.eval'"),
@@ -131,6 +135,24 @@ def test_settings_elsewhere_have_no_code_run(run, elsewhere, command, file, entr
     printed, mistake = run(*command, *ENV, "-f", "downloads")
     assert line in mistake and "--trust" in mistake and "\n" not in mistake
     assert "run" not in printed
+
+
+@OF_EACH_KIND
+@pytest.mark.parametrize(
+    ("file", "entries", "line"),
+    [
+        ("args.yml", {"env_kwargs": 5}, "args.yml cannot be read: its env_kwargs is 5"),
+        ("args.yml", {"env_kwargs": {"id": "x"}}, "multiple values"),
+        ("args.yml", {"env_kwargs": {"max_episode_steps": "many"}}, "'str'"),
+        ("config.yml", {"env_wrapper": {"sb3_bruno_envs.Trial": {"x": 1}}}, "unexpected keyword argument 'x'"),
+        ("config.yml", {"env_wrapper": "sb3_bruno_envs.Nope"}, "Nope"),
+    ],
+)
+def test_settings_that_make_no_environment_are_told_in_one_line(run, elsewhere, command, file, entries, line):
+    path = elsewhere / "PointDir-v0" / file
+    path.write_text(yaml.dump({**read_saved(path), **entries}))
+    mistake = run(*command, *ENV, "-f", "downloads", "--trust")[1]
+    assert line in mistake and "\n" not in mistake
 
 
 def test_our_own_wrappers_and_packages_that_are_named_need_no_trust(run, elsewhere):

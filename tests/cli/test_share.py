@@ -143,9 +143,23 @@ def with_settings(file, entries):
         (without("README.md"), "lacks README.md"),
         (with_file("PointDir-v0.agent", b"\x80\x04."), "cannot be loaded as an agent"),
         (with_file("PointDir-v0/config.yml", b"a: !!python/object/apply:os.system [ls]"), "cannot be read"),
-        (with_settings("args.yml", {"algo": "pearl_sac"}), "is a BrunoSAC whose settings are of 'pearl_sac'"),
-        (with_settings("args.yml", {"algo": "../.."}), "whose settings are of '../..'"),
-        (with_settings("args.yml", {"gym_packages": ["antigravity"]}), "asks for the package antigravity"),
+        (
+            with_settings("args.yml", {"algo": "pearl_sac"}),
+            "PointDir-v0.agent holds a BrunoSAC, and PointDir-v0/args.yml says algo 'pearl_sac'",
+        ),
+        (with_settings("args.yml", {"algo": "../.."}), "says algo '../..'"),
+        (with_settings("args.yml", {"algo": ["bruno_sac"]}), "args.yml cannot be read: its algo is ['bruno_sac']"),
+        (
+            with_settings("args.yml", {"env_kwargs": 5}),
+            "point-dir: PointDir-v0/args.yml cannot be read: its env",
+        ),
+        (with_settings("args.yml", {"env_kwargs": {"max_episode_steps": 10**12}}), "asks for 'max_episode_steps'="),
+        (with_settings("args.yml", {"gym_packages": ["antigravity"]}), "asks for the package 'antigravity'"),
+        (with_settings("config.yml", {"env_wrapper": "sb3_bruno_envs.Nope"}), "the wrapper 'sb3_bruno_envs.Nope'"),
+        (
+            with_file("sb3_bruno_origin.json", b'{"command": [[]]}'),
+            "json does not tell the command that started the",
+        ),
         (with_settings("config.yml", {"env_wrapper": "os.system"}), "asks for the wrapper 'os.system'"),
         (with_settings("config.yml", {"normalize": "exit()"}), "asks for the expression"),
     ],
@@ -155,6 +169,45 @@ def test_nothing_else_is_pulled(run, pushed, tmp_path, change, line):
     mistake = run(*PULL)[1]
     assert mistake.startswith("sb3-bruno pull: ") and line in mistake and "\n" not in mistake
     assert not list(tmp_path.iterdir())
+
+
+def renamed(folder, env):
+    """Give the environment of the packed agent another name; return what commands call it by."""
+    packed = folder / PACKED
+    for path in sorted(packed.glob("PointDir-v0*")):
+        path.rename(packed / path.name.replace("PointDir-v0", env))
+    packed.rename(packed.parent / f"{env}_1")
+    return [f"--env={env}", "--repo-id", "me/point-dir"]
+
+
+def test_a_name_with_a_dot_is_pushed_and_pulled(run, here, hub):
+    assert run("push", *renamed(here, "Point.Dir-v0"))[1] == ""
+    shutil.rmtree(here / "agents")
+    assert run(*PULL)[1] == ""
+    assert (here / "agents" / "bruno_sac" / "Point.Dir-v0_1" / "Point.Dir-v0.agent").is_file()
+
+
+@pytest.mark.parametrize("name", ["Point Dir-v0", "-rf", "Pünkt-v0"])
+def test_what_pull_would_refuse_by_its_name_is_not_pushed(run, here, hub, name):
+    mistake = run("push", *renamed(here, name))[1]
+    assert f"an agent of {name!r}, which cannot be shared by that name: register" in mistake and "\n" not in mistake
+    assert hub.repositories == {}
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "line"),
+    [
+        ("PointDir-v0/args.yml", "a: 1", "args.yml cannot be read"),
+        ("PointDir-v0.agent", "", "PointDir-v0.agent' cannot be loaded as an agent"),
+        ("sb3_bruno_origin.json", "{}", "does not tell the command"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*cannot be read")
+def test_what_pull_would_refuse_is_not_pushed(run, here, hub, file, text, line):
+    (here / PACKED / file).write_text(text)
+    mistake = run(*PUSH)[1]
+    assert line in mistake and "\n" not in mistake
+    assert hub.repositories == {}
 
 
 def test_a_file_that_is_too_large_is_not_fetched(run, hub, pushed, tmp_path):

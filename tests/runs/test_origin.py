@@ -17,7 +17,9 @@ def test_a_kill_while_a_resumed_run_adds_its_versions_leaves_the_command(tmp_pat
         assert load_command(tmp_path) == COMMAND and len(trained_at(tmp_path)) == 1
 
 
-@pytest.mark.parametrize("content", [b"", b'{"command": ["--env", "Poi', b"\xff\xfe", b"[1]", b"{}", b'{"command": 3}'])
+@pytest.mark.parametrize(
+    "content", [b"", b'{"command": ["--env", "Poi', b"\xff\xfe", b"[1]", b"{}", b'{"command": 3}', b"[" * 9_999]
+)
 @pytest.mark.filterwarnings("ignore:.*cannot be read")
 def test_a_damaged_origin_is_named_where_it_is_needed_and_else_told_by_the_way(tmp_path, content):
     (tmp_path / ORIGIN).write_bytes(content)
@@ -26,7 +28,7 @@ def test_a_damaged_origin_is_named_where_it_is_needed_and_else_told_by_the_way(t
         load_command(tmp_path)
 
 
-@pytest.mark.parametrize("versions", ["x", ["x", 3], {"a": 1}, None])
+@pytest.mark.parametrize("versions", ["x", ["x", 3], {"a": 1}, None, [{"commit": [1]}], [{"commit": 5}]])
 def test_versions_that_are_none_are_left_out(tmp_path, versions):
     (tmp_path / ORIGIN).write_text(json.dumps({"command": COMMAND, "versions": versions}))
     assert trained_at(tmp_path) == []

@@ -11,8 +11,11 @@ from torch import nn, optim
 from sb3_bruno import BrunoEncoder
 from sb3_bruno.zoo.saved_run import SavedRun
 from sb3_bruno.zoo.saved_yaml import read_saved
+from sb3_bruno.zoo.trust import check_settings
 
 ROOT = Path(__file__).parents[2]
+TWICE = "\n".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]" for i in range(1, 10))
+NEEDED = {"args.yml": {"conf_file": None, "env_kwargs": None, "hyperparams": None}, "config.yml": {"n_timesteps": 9}}
 
 
 def test_what_a_run_saves_comes_back(tmp_path):
@@ -50,6 +53,9 @@ def test_what_a_run_saves_comes_back(tmp_path):
         ("a: " + "[" * 5_000, "RecursionError"),
         ("a: &a [1]\nb: [" + "*a, " * 30 + "]", "more than 20 aliases"),
         ("a: [" + "1, " * 100_000 + "]", "more than 200,000 bytes"),
+        ("a: &a [*a]", "or itself"),
+        ("a0: &a0 [" + "1, " * 1_000 + "]\n" + TWICE, "more than 100,000 values"),
+        ("a: !!python/name:%1B]0;owned%07", r"\\x1b\]0;owned\\x07 is no network"),
     ],
 )
 @pytest.mark.parametrize("name", ["args.yml", "config.yml"])
@@ -60,6 +66,74 @@ def test_what_is_no_data_is_refused_and_nothing_is_called(name, text, problem, t
     with pytest.raises(ValueError, match=rf"{name} cannot be read: .*{problem}.*: train again"):
         SavedRun.load(tmp_path)
     assert not Path("pwned").exists()
+
+
+WRONG = {
+    "args.yml": {
+        "algo": (5, None, ["bruno_sac"]),
+        "conf_file": (5, ["a.yml"], {}),
+        "env_kwargs": (5, "x", [1], {5: 5}),
+        "gym_packages": (5, "os", None, [5], [["os"]], {}),
+        "hyperparams": (5, "x", [1]),
+    },
+    "config.yml": {
+        "env_kwargs": (5, "x", {5: 5}),
+        "env_wrapper": (5, {}, [5], [["a.B"]], {"a.B": 5}, {"a.B": None}, {"a.B": {}, "c.D": {}}, {5: {}}),
+        "vec_env_wrapper": (5, {}),
+        "normalize": (5, None, [True]),
+    },
+}
+
+
+@pytest.mark.parametrize(
+    ("file", "name", "value"),
+    [(file, name, value) for file, names in WRONG.items() for name, values in names.items() for value in values],
+)
+def test_a_setting_of_a_wrong_kind_is_refused_by_file_name_and_value(file, name, value, tmp_path):
+    for written, needed in NEEDED.items():
+        settings = {**needed, name: value} if written == file else needed
+        (tmp_path / written).write_text(yaml.dump(settings))
+    with pytest.raises(ValueError, match=rf"{file} cannot be read: its {name} is .+, and not .+: train again"):
+        SavedRun.load(tmp_path)
+
+
+def test_a_setting_without_a_name_is_refused(tmp_path):
+    for file, needed in NEEDED.items():
+        (tmp_path / file).write_text(yaml.dump({**needed, 5: 5}))
+    with pytest.raises(ValueError, match=r"args.yml cannot be read: it has the setting 5, which is no name"):
+        SavedRun.load(tmp_path)
+
+
+def test_what_json_has_no_value_for_is_told_as_text():
+    hyperparams = {"n_timesteps": 9, "clip": float("inf"), "dims": {(1, 2): (3,)}, "net": nn.ReLU}
+    told = SavedRun(NEEDED["args.yml"], hyperparams).choices("bruno_sac", "PointDir-v0")["hyperparameters"]
+    assert told == {"n_timesteps": 9, "clip": "inf", "dims": {"(1, 2)": [3]}, "net": str(nn.ReLU)}
+
+
+@pytest.mark.parametrize(
+    ("hyperparams", "told"),
+    [
+        ({"env_wrapper": "sb3_bruno_envs.Nope"}, "the wrapper 'sb3_bruno_envs.Nope'"),
+        ({"env_wrapper": "sb3_bruno_envs.__loader__"}, "the wrapper 'sb3_bruno_envs.__loader__'"),
+        ({"env_wrapper": [{"sb3_bruno_envs.register_family": {}}]}, "the wrapper 'sb3_bruno_envs.register_family'"),
+        ({"vec_env_wrapper": "sb3_bruno_envs.Trial"}, "the wrapper 'sb3_bruno_envs.Trial'"),
+        ({"env_wrapper": "os\x1b[31m.x"}, r"the wrapper 'os\\x1b\[31m.x'"),
+        ({"env_wrapper": {"sb3_bruno_envs.Trial": {"n_episodes": 10**8}}}, "'n_episodes'=100000000"),
+        ({"env_kwargs": {"max_episode_steps": 10**12}}, "'max_episode_steps'=1000000000000, and .* 100,000 at most"),
+        ({"env_kwargs": {"max_episode_steps": 1e12}}, "'max_episode_steps'="),
+        ({"env_kwargs": {"tasks": [[1.0, float("nan")]]}}, "'tasks'=nan"),
+    ],
+)
+def test_settings_of_others_have_nothing_run_but_our_wrappers_and_not_for_long(hyperparams, told):
+    saved = SavedRun(NEEDED["args.yml"], {"n_timesteps": 9, "normalize": False, **hyperparams})
+    with pytest.raises(ValueError, match=f"params asks for {told}.*--trust"):
+        check_settings(saved, Path("params"))
+
+
+def test_our_own_wrappers_need_no_trust():
+    wrappers = [{"sb3_bruno_envs.Trial": {"n_episodes": 3}}, "sb3_bruno_envs.TransitionObservation"]
+    hyperparams = {"normalize": True, "env_wrapper": wrappers, "env_kwargs": {"max_episode_steps": 1_000}}
+    check_settings(SavedRun(NEEDED["args.yml"], hyperparams), Path("params"))
 
 
 @pytest.mark.parametrize("command", ["evaluate", "enjoy", "record-video"])
