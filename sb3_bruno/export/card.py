@@ -49,9 +49,7 @@ def write_card(
         as_code(shlex.join(["sb3-bruno", "enjoy", "-f", "agents", "--algo", algo, "--env", env]), "bash"),
         as_code(f"from sb3_bruno.export import load_agent\n\nagent = load_agent({json.dumps(file)})", "python"),
         "The file holds JSON and tensors alone, so that loading it runs no code of its author.",
-        *([f"## How far its belief can be trusted
-
-{as_code(diagnosed, 'text')}"] if diagnosed else []),
+        *(["## How far its belief can be trusted", as_code(diagnosed, "text")] if diagnosed else []),
         "## How it was made",
         _made(record, command),
         "`sb3-bruno pack` wrote this card from the record of the run.",

@@ -19,6 +19,7 @@ from sb3_bruno.runs.folder import AGENT_FILE
 from sb3_bruno.runs.origin import ORIGIN, load_command
 from sb3_bruno.runs.record import RunRecord
 from sb3_bruno.zoo.called import with_names
+from sb3_bruno.zoo.portable import copy_arguments, copy_origin
 from sb3_bruno.zoo.registry import ALGORITHMS
 from sb3_bruno.zoo.saved_run import SavedRun
 from sb3_bruno.zoo.trained import TrainedAgent
@@ -52,12 +53,14 @@ def pack(agent: TrainedAgent, out: Path, record: Path | None) -> Path:
     try:
         model._vec_normalize_env = agent.vec_normalize
         save_agent(model, folder / f"{env}{AGENT_FILE}")
-        for name in (f"{env}/args.yml", f"{env}/config.yml", ORIGIN, DIAGNOSED):
-            if (agent.folder / name).is_file():
-                shutil.copyfile(agent.folder / name, folder / name)
-        if picture.is_file():
-            shutil.copyfile(picture, folder / PICTURE)
-        has_origin = (folder / ORIGIN).is_file()
+        copy_arguments(agent.folder / env / "args.yml", folder / env / "args.yml")
+        shutil.copyfile(agent.folder / env / "config.yml", folder / env / "config.yml")
+        has_origin = (agent.folder / ORIGIN).is_file()
+        if has_origin:
+            copy_origin(agent.folder / ORIGIN, folder / ORIGIN)
+        for source, name in ((agent.folder / DIAGNOSED, DIAGNOSED), (picture, PICTURE)):
+            if source.is_file():
+                shutil.copyfile(source, folder / name)
         card = write_card(
             known,
             load_command(folder) if has_origin else (),

@@ -8,6 +8,7 @@ import yaml
 
 from sb3_bruno.cli.main import main
 from sb3_bruno.export import load_agent
+from sb3_bruno.zoo.portable import _named
 from sb3_bruno.zoo.saved_yaml import read_saved
 from support.fake_hub import TOKEN, fake_hub
 from support.tiny_runs import tiny
@@ -92,6 +93,34 @@ def test_its_card_tells_what_was_measured(run, here):
         assert line in card
     rows = [line.split(" | ") for line in card.splitlines() if line.startswith(("| left", "| right"))]
     assert len(rows) == 2 and all(f"{float(row[1].strip(' |')):.1f}" in told for row in rows)
+
+
+def test_where_it_was_made_stays_at_home(trained):
+    packed = files_of(trained / PACKED)
+    assert str(trained).encode() in (trained / "logs/bruno_sac/PointDir-v0_1/sb3_bruno_origin.json").read_bytes()
+    assert not [name for name, content in packed.items() if str(trained).encode() in content]
+    assert read_saved(trained / PACKED / "PointDir-v0" / "args.yml")["log_folder"] == "logs"
+    assert b" -f logs " in packed["README.md"]
+
+
+@pytest.mark.parametrize(
+    ("said", "named"),
+    [
+        ("/home/me/logs", "logs"),
+        ("/home/me/logs/", "logs"),
+        ("~/logs", "logs"),
+        (r"C:\Users\me\logs", "logs"),
+        ("--storage=/home/me/x.db", "--storage=x.db"),
+        ("logs/mine", "logs/mine"),
+        ("", ""),
+        ("learning_rate:1e-3", "learning_rate:1e-3"),
+        ("--storage=sqlite:////home/me/x.db", "--storage=sqlite:///x.db"),
+        (3, 3),
+        (["a", "/b/c"], ["a", "c"]),
+    ],
+)
+def test_an_absolute_path_is_called_by_its_last_part(said, named):
+    assert _named(said) == named
 
 
 def test_pushed_and_pulled_it_is_the_same(run, here, hub):
