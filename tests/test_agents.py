@@ -1,6 +1,7 @@
-"""The trained agents that come with the repository load, and still run as they did when they were tested."""
+"""The trained agents that come with the repository load, and still act as they did when they were tested."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -9,48 +10,68 @@ from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.export.shared import check_names
 
 ROOT = Path(__file__).parents[1]
-AGENTS = ROOT / "agents"
-LEAST = {"bruno_sac/CheetahDir-v0_1": 1_000, "bruno_sac/CheetahVel-v0_1": -70}
-"""The least mean return that each agent must reach on each of its tasks, over the env's own horizon."""
-RECORDS = {
-    "bruno_sac/CheetahDir-v0_1": "docs/results/cheetah_dir/bruno_sac/seed3",
-    "bruno_sac/CheetahVel-v0_1": "docs/results/cheetah_vel/bruno_sac/seed1",
+AGENTS = ROOT / "agents" / "bruno_sac"
+
+
+class Shipped(NamedTuple):
+    """What an agent must still be able to do.
+
+    Attributes:
+        n_steps: how many are tried, from the start of an episode.
+        least: what they return at least, in the mean over the test tasks.
+        record: of the run, from which its card is written; None for that of its family's page of agents.
+    """
+
+    n_steps: int
+    least: float
+    record: str | None = None
+
+
+SHIPPED = {
+    "AntDir-v0": Shipped(50, 40),
+    "CheetahDir-v0": Shipped(200, 1_000, "cheetah_dir/bruno_sac/seed3"),
+    "CheetahGravity-v0": Shipped(50, 85),
+    "CheetahParams-v0": Shipped(50, 50),
+    "CheetahVel-v0": Shipped(200, -25, "cheetah_vel/bruno_sac/seed1"),
+    "PointDir-v0": Shipped(30, 25),
+    "PointGoal-v0": Shipped(50, -9),
+    "PointRotation-v0": Shipped(50, -4),
 }
-"""The record of each agent, from which its card is written."""
 
 
-def chosen(agent):
-    """The flags that choose an agent, without its folder."""
-    algo, run = agent.split("/")
-    env, number = run.rsplit("_", 1)
-    return ["--algo", algo, "--env", env, "--exp-id", number]
+def flags(env):
+    return ["--algo", "bruno_sac", "--env", env, "-f", str(AGENTS.parent)]
 
 
 def test_every_agent_is_tested():
-    assert {str(path.parent.relative_to(AGENTS)) for path in AGENTS.glob("*/*/*.agent")} == set(LEAST) == set(RECORDS)
+    assert {path.name for path in AGENTS.iterdir()} == {f"{env}_1" for env in SHIPPED}
 
 
-@pytest.mark.parametrize("agent", LEAST)
-def test_an_agent_comes_without_pickles_and_with_its_card(agent):
-    files = [path.relative_to(AGENTS / agent).as_posix() for path in (AGENTS / agent).rglob("*") if path.is_file()]
-    assert check_names(files, agent) == agent.split("/")[1].rsplit("_", 1)[0]
+@pytest.mark.parametrize("env", SHIPPED)
+def test_an_agent_comes_without_pickles_and_with_its_card(env):
+    folder = AGENTS / f"{env}_1"
+    assert check_names([str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()], env) == env
 
 
 @pytest.mark.mujoco
-@pytest.mark.parametrize("agent", LEAST)
-def test_its_card_is_what_pack_writes(agent, tmp_path):
-    main(["pack", *chosen(agent), "-f", str(AGENTS), "--record", str(ROOT / RECORDS[agent]), "--out", str(tmp_path)])
-    packed = tmp_path / agent
+@pytest.mark.parametrize("env", SHIPPED)
+def test_its_card_is_what_pack_writes(env, tmp_path):
+    page = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in env.removesuffix("-v0"))
+    record = ROOT / "docs" / "results" / (SHIPPED[env].record or f"agents/{page.lstrip('_')}/bruno_sac/seed1")
+    main(["pack", *flags(env), "--record", str(record), "--out", str(tmp_path)])
     for name in ("README.md", "adaptation.png"):
-        assert (packed / name).read_bytes() == (AGENTS / agent / name).read_bytes()
+        assert (tmp_path / "bruno_sac" / f"{env}_1" / name).read_bytes() == (AGENTS / f"{env}_1" / name).read_bytes()
 
 
 @pytest.mark.mujoco
-@pytest.mark.parametrize("agent", LEAST)
-def test_an_agent_still_adapts(agent, tmp_path, capsys):
-    flags = [*chosen(agent), "-f", str(AGENTS)]
-    main(["evaluate", *flags, "--episodes", "2", "--seed", "7", "--out", str(tmp_path)])
-    result = AdaptationResult.load(tmp_path / "adaptation.json")
-    assert (result.returns(result.horizon).mean(axis=1) > LEAST[agent]).all()
-    main(["enjoy", *flags, "--no-render", "-n", "200"])
+@pytest.mark.parametrize("env", SHIPPED)
+def test_an_agent_still_adapts(env, tmp_path):
+    n_steps = SHIPPED[env].n_steps
+    main(["evaluate", *flags(env), "--episodes", "1", "--steps", str(n_steps), "--seed", "7", "--out", str(tmp_path)])
+    assert AdaptationResult.load(tmp_path / "adaptation.json").returns(n_steps).mean() > SHIPPED[env].least
+
+
+@pytest.mark.mujoco
+def test_an_agent_is_watched(capsys):
+    main(["enjoy", *flags("CheetahDir-v0"), "--no-render", "-n", "200"])
     assert "Mean reward" in capsys.readouterr().out
