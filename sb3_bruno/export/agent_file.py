@@ -95,7 +95,8 @@ def load_agent(path: str | Path, env: GymEnv | str | None = None, device: th.dev
 
 
 def _refusal(path: str | Path, error: Exception) -> ValueError:
-    told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    is_ours = isinstance(error, ValueError) or str(error).startswith("`")  # the name of an argument
+    told = str(error) if is_ours else f"{type(error).__name__}: {error}"
     if isinstance(error, RecursionError):
         told = "its JSON is nested too deep"
     remedy = "" if isinstance(error, Unknown) else " Get another copy of it."

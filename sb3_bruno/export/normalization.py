@@ -62,6 +62,10 @@ def normalized(env: VecEnv, plain: Any, tensors: Mapping[str, Tensor]) -> VecNor
     keys = plain["norm_obs_keys"]
     if keys is not None and not (isinstance(keys, list) and all(isinstance(key, str) for key in keys)):
         raise ValueError(f"its normalisation has the keys {shown(keys)}")
+    known: Any = env.observation_space
+    for key in keys or ():
+        if key not in known.spaces:
+            raise ValueError(f"its normalisation has the key {shown(key)}, which observations lack")
     flags = {name: plain[name] for name in ("norm_obs", "norm_reward")}
     if not all(isinstance(flag, bool) for flag in flags.values()):
         raise ValueError("its normalisation has a flag that is neither true nor false")

@@ -173,7 +173,8 @@ def _object(name: Any, parts: dict[str, Any]) -> Any:
     read = {key: from_plain(part) for key, part in parts.items()}
     for key, part in read.items():
         is_number = isinstance(part, int | float | np.ndarray) and not isinstance(part, bool)
-        if not (is_number or part is None or type(part) in _KINDS):
+        is_left_out = part is None and key == "initial_noise"
+        if not (is_number or is_left_out or type(part) in _KINDS):
             raise ValueError(f"the {key} of its {name} is {shown(part)}, and no number")
     return _OBJECTS[name].kind(**read)
 

@@ -127,6 +127,9 @@ JSONS = {
     "an object with other parts": put("arguments", "learning_rate", value={"$object": "ConstantSchedule", "x": 1}),
     "a schedule of text": put("arguments", "learning_rate", value={"$object": "ConstantSchedule", "val": "fast"}),
     "a huge array": put("arguments", "gamma", value={"$array": [0], "dtype": "float64", "shape": [MANY]}),
+    "a schedule of nothing": put(
+        "arguments", "learning_rate", value={"$object": "LinearSchedule", "start": None, "end": 0, "end_fraction": 1}
+    ),
     "an array of objects": put("arguments", "gamma", value={"$array": [0], "dtype": "object", "shape": [1]}),
     "arguments that are a list": put("arguments", value=[]),
     "an unknown argument": put("arguments", "env", value="PointDir-v0"),
@@ -227,6 +230,7 @@ JSONS = {
     "an epsilon of 0": put("normalization", "epsilon", value=0.0),
     "an epsilon that is text": put("normalization", "epsilon", value="small"),
     "a flag that is 1": put("normalization", "norm_obs", value=1),
+    "a key that is no text": put("normalization", "norm_obs_keys", value=[["action"]]),
     "keys that are not there": put("normalization", "norm_obs_keys", value=["image"]),
     "a clip of a huge number": put("normalization", "clip_obs", value=10**400),
     "a clip of nothing": put("normalization", "clip_obs", value=0.0),
