@@ -72,7 +72,7 @@ FLAGS = {
     "use_sde",
     "use_sde_at_warmup",
 }
-NEVER_NONE = {*(LEAST.keys() - {"seed"}), "gamma", "tau", "learning_rate"}
+NEVER_NONE = {*(LEAST.keys() - {"seed"}), *(RANGES.keys() - {"encoder_learning_rate"}), "tau", "train_freq"}
 
 
 def check_values(given: Mapping[str, Any]) -> None:

@@ -143,7 +143,7 @@ def test_settings_elsewhere_have_no_code_run(run, elsewhere, command, file, entr
     [
         ("args.yml", {"env_kwargs": 5}, "args.yml cannot be read: its env_kwargs is 5"),
         ("args.yml", {"env_kwargs": {"id": "x"}}, "multiple values"),
-        ("args.yml", {"env_kwargs": {"max_episode_steps": "many"}}, "'str'"),
+        ("args.yml", {"env_kwargs": {"observe": 5}}, "observe=5 is unknown: use"),
         ("config.yml", {"env_wrapper": {"sb3_bruno_envs.Trial": {"x": 1}}}, "unexpected keyword argument 'x'"),
         ("config.yml", {"env_wrapper": "sb3_bruno_envs.Nope"}, "Nope"),
     ],
