@@ -17,13 +17,11 @@ from sb3_bruno_envs import (
     CHEETAH_PARAMS_TASKS,
     CHEETAH_VEL_TASKS,
     POINT_DIR_TASKS,
-    Family,
-    PointDirEnv,
     TaskSampler,
     check_meta_env,
-    register_family,
 )
 from sb3_bruno_envs.registration import FAMILIES
+from support.random_play import rewards
 
 STEPS = {  # per episode
     "CheetahDir-v0": 200,
@@ -57,18 +55,6 @@ def make(name, **kwargs):
     return gym.make(f"sb3_bruno_envs:{name}", **kwargs)
 
 
-def rewards(env, seed=0):
-    """The rewards of one episode of seeded random actions."""
-    env.reset(seed=seed)
-    env.action_space.seed(seed)
-    episode, done = [], False
-    while not done:
-        _, reward, terminated, truncated, _ = env.step(env.action_space.sample())
-        episode.append(reward)
-        done = terminated or truncated
-    return episode
-
-
 def test_the_length_of_every_familys_episodes_is_known_here():
     assert set(STEPS) == set(FAMILIES)
 
@@ -98,8 +84,7 @@ def test_sb3s_check_passes(name, observe):
 
 
 @family
-@pytest.mark.parametrize("split", ["train", "test"])
-@pytest.mark.parametrize("draw", ["random", "cycle", "fixed"])
+@pytest.mark.parametrize(("split", "draw"), [("train", "random"), ("test", "cycle"), ("train", "fixed")])
 def test_our_own_check_passes(name, split, draw):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -230,79 +215,6 @@ def test_many_environments_in_one_process_have_their_own_tasks():
     assert len(np.unique(info["task"], axis=0)) > 1
     rows = POINT_DIR_TASKS.tasks()[info["task_index"]]
     np.testing.assert_array_equal(rows, info["task"])
-
-
-MY_FAMILY = """
-import gymnasium as gym
-import numpy as np
-from sb3_bruno_envs import Family
-
-
-class StayEnv(gym.Env):
-    metadata = {"render_modes": ["ansi"]}
-    observation_space = gym.spaces.Box(-1.0, 1.0, (1,))
-    action_space = gym.spaces.Box(-1.0, 1.0, (1,))
-
-    def __init__(self, render_mode=None, cost=1.0):
-        self.render_mode = render_mode
-        self.cost = cost
-
-    def set_task(self, task):
-        self.place = task[0]
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        return np.zeros(1, np.float32), {}
-
-    def step(self, action):
-        return np.float32(action), -self.cost * float(abs(action[0] - self.place)), False, False, {}
-
-
-STAY = Family(StayEnv, [[-0.5], [0.5]], max_episode_steps=4)
-"""
-
-
-@pytest.fixture
-def my_package(tmp_path, monkeypatch):
-    """A stranger's package with one family, whose import registers it."""
-    folder = tmp_path / "my_envs"
-    folder.mkdir()
-    (folder / "stay.py").write_text(MY_FAMILY)
-    line = "register_family('Stay-v0', 'my_envs.stay:STAY')"
-    (folder / "__init__.py").write_text(f"from sb3_bruno_envs import register_family\n{line}\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    yield
-    del gym.registry["Stay-v0"], sys.modules["my_envs"], sys.modules["my_envs.stay"]
-
-
-def test_a_package_of_ones_own_adds_a_family_in_one_file(my_package):
-    env = gym.make("my_envs:Stay-v0", draw="cycle", cost=2.0)
-    check_meta_env(env)
-    env.reset(seed=0)
-    assert [env.step(np.zeros(1))[1:4] for _ in range(4)] == [*[(-1.0, False, False)] * 3, (-1.0, False, True)]
-    assert EnvSpec.from_json(gym.spec("Stay-v0").to_json()) == gym.spec("Stay-v0")
-    with pytest.warns(UserWarning, match=r"render_mode='human' that is not in .*\['ansi'\]"):
-        gym.make("Stay-v0", render_mode="human")
-
-
-def test_a_family_without_a_place_can_be_registered_too():
-    register_family("Here-v0", Family(PointDirEnv, POINT_DIR_TASKS, max_episode_steps=7))
-    try:
-        env = gym.make("Here-v0")
-        assert len(rewards(env)) == 7
-        assert rewards(gym.make(env.spec)) == rewards(env)
-        assert gym.make_vec("Here-v0", num_envs=2).reset(seed=0)[1]["task"].shape == (2, 2)
-    finally:
-        del gym.registry["Here-v0"]
-
-
-@pytest.mark.parametrize(
-    "place", ["sb3_bruno_envs.classic.point_dir:PointDirEnv", "sb3_bruno_envs.classic.point_dir", PointDirEnv, 3]
-)
-def test_what_is_no_family_is_refused(place):
-    with pytest.raises(ValueError, match=r"family=.* is .*: give a Family, or its place as 'module:NAME'"):
-        register_family("Wrong-v0", place)
-    assert "Wrong-v0" not in gym.registry
 
 
 def test_meta_world_says_what_to_install(monkeypatch):
