@@ -39,9 +39,9 @@ def evaluate(run, folder, *flags):
 
 
 def test_a_resumed_run_keeps_its_config(run, tmp_path):
-    entry = {"n_timesteps": 480, "n_envs": 2, "policy": "MlpPolicy", "learning_rate": 1e-3, "learning_starts": 96}
+    entry = {"n_timesteps": 120, "n_envs": 2, "policy": "MlpPolicy", "learning_rate": 1e-3, "learning_starts": 96}
     (tmp_path / "my.yml").write_text(yaml.safe_dump({"PointDir-v0": entry}))
-    flags = ["--env", "PointDir-v0", "--checkpoint-freq", 200, "--seed", 1]
+    flags = ["--env", "PointDir-v0", "--checkpoint-freq", 60, "--seed", 1]
     assert run("train", *flags, "-conf", "my.yml", "-params", "gamma:0.5")[1] == ""
     folder = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1"
     before = (folder / "PointDir-v0" / "config.yml").read_text()
@@ -49,27 +49,24 @@ def test_a_resumed_run_keeps_its_config(run, tmp_path):
     assert run("train", "--resume", folder)[1] == ""
     assert (folder / "PointDir-v0" / "config.yml").read_text() == before
     model = BrunoSAC.load(folder / "PointDir-v0.zip")
-    assert (model.lr_schedule(1.0), model.gamma, model.num_timesteps) == (1e-3, 0.5, 480)
+    assert (model.lr_schedule(1.0), model.gamma, model.num_timesteps) == (1e-3, 0.5, 120)
 
 
 @pytest.mark.parametrize("damage", [lambda whole: whole[:1_000], lambda whole: b"\x80\x05N."])
-def test_a_checkpoint_that_cannot_be_read_is_told_in_one_line(run, tmp_path, damage):
-    run(*tiny("--checkpoint-freq", 200))
-    folder = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1"
-    versions = trained_at(folder)
-    (folder / "checkpoint.pkl").write_bytes(damage((folder / "checkpoint.pkl").read_bytes()))
-    mistake = run("train", "--resume", folder)[1]
+def test_a_checkpoint_that_cannot_be_read_is_told_in_one_line(run, normalised, damage):
+    versions = trained_at(normalised)
+    (normalised / "checkpoint.pkl").write_bytes(damage((normalised / "checkpoint.pkl").read_bytes()))
+    mistake = run("train", "--resume", normalised)[1]
     assert "checkpoint.pkl is damaged, or no checkpoint of this version" in mistake and "\n" not in mistake
-    assert trained_at(folder) == versions and (folder / "PointDir-v0.zip").is_file()
+    assert trained_at(normalised) == versions and (normalised / "PointDir-v0.zip").is_file()
 
 
 def test_a_run_is_named_by_what_its_environment_was_made_with(run, tmp_path):
-    run(*tiny("--env-kwargs", "max_episode_steps:20"))
+    run(*tiny("--env-kwargs", "max_episode_steps:20", "--eval-freq", -1, steps=64))
     assert evaluate(run, tmp_path)["params"]["env_kwargs.max_episode_steps"] == 20
 
 
-def test_a_normalised_run_is_named_by_that_alone(run, tmp_path):
-    run(*tiny(), "normalize:True")
+def test_a_normalised_run_is_named_by_that_alone(run, normalised, tmp_path):
     params = evaluate(run, tmp_path)["params"]
     assert {name: value for name, value in params.items() if name.startswith("norm")} == {"normalize": True}
 
@@ -87,9 +84,8 @@ def test_what_is_counted_is_at_least_one(flags, capsys):
     assert "is not a whole number of 1 or more" in capsys.readouterr().err
 
 
-def test_an_agent_that_cannot_be_loaded_is_told_in_one_line(run, tmp_path):
-    run(*tiny("--eval-freq", -1))
-    path = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip"
+def test_an_agent_that_cannot_be_loaded_is_told_in_one_line(run, normalised):
+    path = normalised / "PointDir-v0.zip"
     for damaged, line in ((path.with_suffix(".agent"), "cannot be loaded as an agent"), (path, "loaded as bruno_sac")):
         damaged.write_bytes(damaged.read_bytes()[:1_000])
         mistake = run("evaluate", "--env", "PointDir-v0")[1]
@@ -125,8 +121,8 @@ def test_a_run_whose_config_is_gone_is_not_resumed(run, normalised):
 
 
 def test_curves_of_other_steps_are_not_plotted_together(run, tmp_path):
-    for frequency in (240, 160):
-        run(*tiny("--eval-freq", frequency))
+    for frequency in (160, 80):
+        run(*tiny("--eval-freq", frequency, steps=160))
     assert "were evaluated at different steps" in run("plot", "-e", "PointDir-v0")[1]
     (tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "evaluations.npz").write_bytes(b"PK")
     assert "holds no evaluations with tasks" in run("plot", "-e", "PointDir-v0")[1]
@@ -152,8 +148,8 @@ def test_an_agent_whose_training_diverged_is_told_as_that(run, tmp_path):
 
 
 def test_a_training_prints_few_lines(run):
-    printed, _ = run(*tiny("--eval-freq", -1, steps=1_200))
+    printed, _ = run(*tiny("--eval-freq", -1, steps=720))
     few = len(printed.splitlines())
     assert few < 60
-    printed, _ = run(*tiny("--eval-freq", -1, "--log-interval", 4, steps=1_200))
+    printed, _ = run(*tiny("--eval-freq", -1, "--log-interval", 4, steps=720))
     assert len(printed.splitlines()) > 2 * few

@@ -7,7 +7,7 @@ TINY = [
     "batch_size:32",
     "gradient_steps:1",
 ]
-TINY_ENCODER = ["encoder_learning_starts:48", "encoder_batch_size:2"]
+TINY_ENCODER = ["encoder_learning_starts:48", "encoder_batch_size:2", "encoder_update_ratio:0.1"]
 
 
 def tiny(*arguments, algo="bruno_sac", env="PointDir-v0", steps=480):
