@@ -1,5 +1,6 @@
 """Settings that every test shares, and the command line."""
 
+import multiprocessing
 import signal
 import tempfile
 
@@ -13,6 +14,9 @@ th.set_num_threads(1)
 # A script that starts the tests in the background has Ctrl-C ignored, also in the processes that they start.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Processes are forked from one that has imported what most need: each would import it for seconds.
+multiprocessing.set_forkserver_preload(["sb3_bruno.cli.sweep_commands", "sb3_bruno.zoo.experiment", "sb3_bruno_envs"])
 
 # The same examples on every run, however slow the machine.
 settings.register_profile("sb3_bruno", deadline=None, derandomize=True, max_examples=50)

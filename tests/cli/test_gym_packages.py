@@ -33,7 +33,7 @@ def package(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     file = tmp_path / "my_envs.py"
     file.write_text(PACKAGE)
-    entry = {"n_timesteps": 64, "policy": "MlpPolicy", "learning_starts": 40, "buffer_size": 2_000}
+    entry = {"n_timesteps": 64, "policy": "MlpPolicy", "learning_starts": 56, "buffer_size": 2_000, "batch_size": 16}
     (tmp_path / "my.yml").write_text(yaml.safe_dump({"Mine-v0": entry}))
     yield file
     forget()

@@ -2,9 +2,8 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import optuna
@@ -14,6 +13,7 @@ import yaml
 from optuna.trial import TrialState
 from torch import nn
 
+import sb3_bruno.zoo.study
 from sb3_bruno import BrunoEncoder
 from sb3_bruno.cli.main import main
 from sb3_bruno.zoo.registry import register
@@ -22,15 +22,9 @@ from sb3_bruno.zoo.study import SETTINGS, load_study, open_storage
 from sb3_bruno.zoo.sweep import SweepExperiment
 from sb3_bruno.zoo.work import PATIENCE
 from sb3_bruno.zoo.workers import GIVEN_BACK, OWNER, SurplusTrial, give_back_surplus
+from support.commands import ended, start
 
-TINY = ["n_envs:2", "learning_starts:60", "encoder_learning_starts:30", "buffer_size:2000"]
-RUN = "import sys; from sb3_bruno.cli.main import main; main(['sweep', 'run', *sys.argv[1:]])"
-BEAT = (  # a worker whose heart beats every second, and whose trials take two
-    "import sb3_bruno.zoo.study as study, sb3_bruno.zoo.sweep as sweep, time\n"
-    "plain, plain_open = sweep.SweepExperiment.objective, study.open_storage\n"
-    "sweep.SweepExperiment.objective = lambda self, trial: (plain(self, trial), time.sleep(2))[0]\n"
-    "study.open_storage = lambda storage: plain_open(storage, heartbeat=1)\n"
-)
+TINY = ["n_envs:2", "learning_starts:80", "encoder_learning_starts:80", "buffer_size:2000"]
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -51,31 +45,49 @@ def init(storage, name, *arguments):
     main([*command, "--n-evaluations", "2", *arguments, "-params", *TINY])
 
 
-def worker(storage, name, total, before=""):
-    arguments = ["--storage", storage, "--study-name", name, "--max-total-trials", str(total)]
-    return subprocess.Popen([sys.executable, "-c", before + RUN, *arguments], stdout=subprocess.DEVNULL)
+def worker(storage, name, total, prepare):
+    flags = ["--storage", storage, "--study-name", name, "--max-total-trials", total]
+    return start("sweep", "run", *flags, prepare=prepare)
+
+
+def beat_fast():
+    """Be a worker whose heart beats every second, and whose trials take one more than they need."""
+    plain, plain_open = SweepExperiment.objective, sb3_bruno.zoo.study.open_storage
+    SweepExperiment.objective = lambda self, trial: (plain(self, trial), time.sleep(1))[0]
+    sb3_bruno.zoo.study.open_storage = lambda storage: plain_open(storage, heartbeat=1)
+
+
+def ask_together():
+    """Be a worker that asks for a trial only when another does, too: both have counted the trials before that."""
+    plain = optuna.Study.ask
+
+    def wait_and_ask(self, *args, **kwargs):
+        Path(f"asks-{os.getpid()}").touch()
+        while len(list(Path().glob("asks-*"))) < 2:
+            time.sleep(0.01)
+        return plain(self, *args, **kwargs)
+
+    optuna.Study.ask = wait_and_ask
 
 
 def test_two_workers_one_killed_and_every_trial_is_accounted_for(storage, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     name = f"two-{os.getpid()}"
     init(storage, name)
-    first, second = worker(storage, name, 5, BEAT), worker(storage, name, 5, BEAT)
-    study = optuna.load_study(study_name=name, storage=open_storage(storage))
-    killed = wait_for_a_trial_of(first.pid, study)
-    first.send_signal(signal.SIGKILL)
-    assert first.wait() == -signal.SIGKILL
-    assert second.wait(timeout=200) == 0
-    third = worker(storage, name, 5, BEAT)  # who comes later finds what was lost in the meantime
-    assert third.wait(timeout=200) == 0
+    first, second = (worker(storage, name, 4, beat_fast) for _ in range(2))
+    found = optuna.load_study(study_name=name, storage=open_storage(storage))
+    killed = wait_for_a_trial_of(first.pid, found)
+    first.kill()
+    assert ended(first) == -signal.SIGKILL and ended(second) == 0
+    assert ended(worker(storage, name, 4, beat_fast)) == 0  # who comes later finds what was lost in the meantime
 
-    trials = study.get_trials()
+    trials = found.get_trials()
     states = [trial.state for trial in trials]
     assert not {TrialState.RUNNING, TrialState.WAITING} & set(states)
     assert trials[killed].state == TrialState.FAIL and states.count(TrialState.FAIL) == 1
     again = [trial for trial in trials if trial.system_attrs.get("failed_trial") == killed]
     assert len(again) == 1 and again[0].params == trials[killed].params
-    assert states.count(TrialState.COMPLETE) + states.count(TrialState.PRUNED) >= 5
+    assert states.count(TrialState.COMPLETE) + states.count(TrialState.PRUNED) >= 4
 
     main(["sweep", "status", "--storage", storage, "--study-name", name])
     assert "1 fail" in capsys.readouterr().out
@@ -84,10 +96,10 @@ def test_two_workers_one_killed_and_every_trial_is_accounted_for(storage, tmp_pa
     assert (tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip").is_file()
 
 
-def wait_for_a_trial_of(pid, study):
+def wait_for_a_trial_of(pid, found):
     """The number of a trial that trains in process ``pid``, its hyperparameters drawn."""
-    for _ in range(600):
-        for trial in study.get_trials(states=[TrialState.RUNNING]):
+    for _ in range(2_000):
+        for trial in found.get_trials(states=[TrialState.RUNNING]):
             has_drawn = "encoder_update_ratio_pow" in trial.params  # the last to be drawn
             if has_drawn and trial.user_attrs.get(OWNER, {}).get("pid") == pid:
                 return trial.number
@@ -99,16 +111,8 @@ def test_of_two_workers_that_race_for_the_last_trial_one_gives_its_own_back(stor
     monkeypatch.chdir(tmp_path)
     name = f"race-{os.getpid()}"
     init(storage, name)
-    race = (  # both have counted the trials before either asks for one
-        "import optuna, os, pathlib, time; ask = optuna.Study.ask\n"
-        "def wait(self, *a, **k):\n"
-        "    pathlib.Path(f'asks-{os.getpid()}').touch()\n"
-        "    while len(list(pathlib.Path().glob('asks-*'))) < 2: time.sleep(0.01)\n"
-        "    return ask(self, *a, **k)\n"
-        "optuna.Study.ask = wait\n"
-    )
-    workers = [worker(storage, name, 1, race) for _ in range(2)]
-    assert [process.wait(timeout=200) for process in workers] == [0, 0]
+    workers = [worker(storage, name, 1, ask_together) for _ in range(2)]
+    assert [ended(process) for process in workers] == [0, 0]
     first, second = optuna.load_study(study_name=name, storage=open_storage(storage)).trials
     assert first.state == TrialState.COMPLETE and GIVEN_BACK not in first.user_attrs
     assert second.state == TrialState.FAIL and GIVEN_BACK in second.user_attrs and second.params == {}
@@ -159,7 +163,7 @@ def test_a_worker_stops_after_its_own_number_of_trials(tmp_path, monkeypatch):
 def test_a_search_space_of_rl_zoos_own_is_searched_too(algo, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     chosen = ["--storage", "x.log", "--study-name", "s"]
-    small = ["n_envs:1", "learning_starts:60", "buffer_size:2000"]
+    small = ["n_envs:1", "learning_starts:100", "buffer_size:2000"]
     env = ["--algo", algo, "--env", "Pendulum-v1", "-n", "120"]
     main(["sweep", "init", *chosen, *env, "--n-evaluations", "1", "-params", *small])
     load_study("x.log", "s").enqueue_trial({"batch_size_pow": 4, "noise_type": None} if algo == "td3" else {})

@@ -1,11 +1,10 @@
 """Our configs and our command line, as a user of RL Zoo meets them."""
 
 import json
+import os
 import re
 import signal
-import subprocess
 import sys
-import time
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -20,26 +19,29 @@ from sb3_bruno.cli.main import main
 from sb3_bruno.diagnostics.result import Diagnostics
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.eval_callback import load_learning_curve
+from sb3_bruno.resume.checkpoint import ResumeCallback
 from sb3_bruno.runs.origin import ORIGIN, trained_at
 from sb3_bruno.zoo.configs import DEFAULT, config_file, config_name, configs_folder, find_config, read_configs
 from sb3_bruno.zoo.registry import ALGORITHMS
 from sb3_bruno.zoo.saved_yaml import read_saved
 from sb3_bruno_envs import CHEETAH_VEL_TASKS
 from sb3_bruno_envs.classic.wind import WIND
+from support.commands import ended, start
 from support.tiny_runs import tiny
 
 CONFIGS = sorted(configs_folder().rglob("*.yml"))
 
 
-RIVALS = {"pearl_sac", "varibad_sac", "belief_sac"}
+ALIKE = {"pearl_sac", "varibad_sac", "belief_sac", "markov", "oracle"}
+"""Files and folders whose numbers are those of bruno_sac.yml, as another test shows. Two environments run."""
 
 
 def of_config(path):
     """(-conf, algorithm, environment) of every entry of a config file: an environment without one for the default."""
     folder = None if path.parent == configs_folder() else path.parent.name
     entries = yaml.safe_load(path.read_text())
-    if path.stem in RIVALS:
-        return [(folder, path.stem, env) for env in ("PointDir-v0", "CheetahParams-v0")]  # the other numbers agree
+    if {path.stem, folder} & ALIKE:
+        return [(folder, path.stem, env) for env in ("PointDir-v0", "CheetahParams-v0")]
     others = [env for env in ("PointGoal-v0", "SparsePointGoal-v0") if env not in entries]
     envs = [env for env in entries if env != DEFAULT] + others[:1]
     return [(folder, path.stem, env) for env in envs]
@@ -50,7 +52,9 @@ def test_every_config_runs(run, tmp_path, conf, algo, env):
     arguments = ["--algo", algo, "--env", env, "-n", 400, "--eval-freq", -1, "--seed", 1]
     if conf is not None:
         arguments += ["-conf", conf]
-    if algo != "ppo_lstm":
+    if algo == "ppo_lstm":
+        arguments += ["-params", "n_steps:50", "n_epochs:1"]
+    else:
         arguments += ["-params", "learning_starts:200", "gradient_steps:2", "buffer_size:2000", "train_freq:10"]
     # The paper's activation is a function, which no agent file holds.
     with pytest.warns(UserWarning, match="activation_fn") if conf == "paper" else nullcontext():
@@ -73,9 +77,16 @@ def test_siblings_and_oracle_have_the_numbers_of_bruno_sac():
                 assert config[key] == ours[env][key], f"{path.name} {env} {key}"
 
 
+@pytest.mark.parametrize(("conf", "observe"), [("oracle", "task"), ("markov", "plain")])
+def test_the_oracle_sees_the_task_and_the_markov_agent_nothing_of_it(conf, observe):
+    entries = read_configs(config_file("sac", conf))
+    assert {find_config(entries, env)["env_kwargs"]["observe"] for env in entries} == {observe}
+
+
 def test_a_config_file_chooses_the_encoder_by_its_name(run, tmp_path):
-    config = {"policy": "MlpPolicy", "n_timesteps": 240, "n_envs": 2, "encoder_class": "recurrent"}
+    config = {"policy": "MlpPolicy", "n_timesteps": 120, "n_envs": 2, "encoder_class": "recurrent"}
     config |= {"encoder_kwargs": {"hidden_size": 8}, "learning_starts": 100, "batch_size": 16}
+    config["policy_kwargs"] = {"net_arch": [8]}
     (tmp_path / "mine.yml").write_text(yaml.safe_dump({"PointDir-v0": config}))
     chosen = ["--algo", "bruno_sac", "--env", "PointDir-v0"]
     assert run("train", *chosen, "-conf", "mine.yml", "--eval-freq", -1)[1] == ""
@@ -108,12 +119,12 @@ def test_train_evaluate_enjoy_record_and_plot(run, tmp_path):
 
 
 def test_every_evaluation_meets_every_test_task_equally_often(run, tmp_path):
-    flags = ["--eval-freq", 200, "--eval-episodes", 5, "--n-eval-envs", 2]
-    assert run(*tiny(*flags, env="SparsePointGoal-v0", steps=400))[1] == ""
-    curve = load_learning_curve(tmp_path / "logs" / "bruno_sac" / "SparsePointGoal-v0_1")
-    assert curve.returns.shape == (2, 40)  # 20 test tasks in each environment
+    flags = ["--eval-freq", 64, "--eval-episodes", 5, "--n-eval-envs", 2]
+    assert run(*tiny(*flags, env="PointDir-v0", steps=128))[1] == ""
+    curve = load_learning_curve(tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1")
+    assert curve.returns.shape == (2, 8)  # twice the two test tasks in each environment
     for tasks in curve.tasks:
-        assert np.unique(tasks, axis=0, return_counts=True)[1].tolist() == [2] * 20
+        assert np.unique(tasks, axis=0, return_counts=True)[1].tolist() == [4, 4]
 
 
 @pytest.fixture(scope="module")
@@ -228,20 +239,26 @@ def test_an_agent_is_trained_on(run, tmp_path):
     assert BrunoSAC.load(first.parents[1] / "PointDir-v0_2" / "PointDir-v0.zip").num_timesteps == 480
 
 
+def die_at_280():
+    """Be a training that is killed after 280 env steps."""
+    plain = ResumeCallback._on_step
+
+    def die(callback):
+        if callback.num_timesteps == 280:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return plain(callback)
+
+    ResumeCallback._on_step = die
+
+
 def test_a_killed_run_is_resumed_exactly(run, tmp_path):
-    arguments = list(map(str, tiny("--checkpoint-freq", 160, steps=2_000)))
+    arguments = tiny("--checkpoint-freq", 160)
     run(*arguments)
     whole, parts = (tmp_path / "logs" / "bruno_sac" / f"PointDir-v0_{i}" for i in (1, 2))
-    command = [sys.executable, "-c", "from sb3_bruno.cli import console; console()", *arguments]
-    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
-    deadline = time.monotonic() + 120
-    while not (parts / "checkpoint.pkl").is_file() and time.monotonic() < deadline:
-        time.sleep(0.05)
-    process.send_signal(signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL
+    assert ended(start(*arguments, prepare=die_at_280)) == -signal.SIGKILL
     killed_at = (parts / "checkpoint.pkl").stat().st_mtime_ns
     printed, mistake = run("train", "--resume", parts)
-    assert mistake == "" and "of 2,000 env steps" in printed
+    assert mistake == "" and "at 160 of 480 env steps" in printed
     assert (parts / "checkpoint.pkl").stat().st_mtime_ns > killed_at  # its own --checkpoint-freq, not the default
     origins = [json.loads((folder / ORIGIN).read_text()) for folder in (whole, parts)]
     assert origins[0]["command"] == origins[1]["command"]

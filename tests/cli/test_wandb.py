@@ -11,11 +11,11 @@ import pytest
 from wandb.proto.wandb_internal_pb2 import Record
 
 from sb3_bruno.cli.main import main
+from support.tiny_runs import TINY, TINY_ENCODER
 
 BLOCK = 32_768  # bytes, of a LevelDB log, in which wandb keeps its records
 FIRST, FULL, LAST = 7, 1, 4  # bytes of wandb's own header; kinds of chunk that end a record
 TRACK = ["train", "--env", "PointDir-v0", "-n", "480", "--seed", "1", "--eval-freq", "240", "--eval-episodes", "2"]
-TINY = ["policy_kwargs:dict(net_arch=[8])", "learning_starts:96", "buffer_size:2000", "encoder_learning_starts:48"]
 
 
 def records(path):
@@ -35,7 +35,7 @@ def records(path):
 
 def test_an_offline_run_holds_what_our_algorithm_logs(tmp_path):
     script = "from sb3_bruno.cli import console; console()"
-    command = [sys.executable, "-c", script, *TRACK, "--track", "-params", *TINY]
+    command = [sys.executable, "-c", script, *TRACK, "--track", "-params", *TINY, *TINY_ENCODER]
     env = {**os.environ, "WANDB_MODE": "offline", "WANDB_SILENT": "true"}
     subprocess.run(command, cwd=tmp_path, env=env, stdout=subprocess.DEVNULL, check=True)
     (path,) = tmp_path.glob("wandb/offline-run-*/run-*.wandb")
