@@ -2,10 +2,10 @@
 
 import pytest
 
-from support.tiny_models import ALGORITHMS, POINT, make_pendulum, tiny
+from support.tiny_models import EACH_KIND, POINT, make_pendulum, tiny
 
 
-@pytest.fixture(scope="module", params=ALGORITHMS, ids=lambda algorithm: algorithm.__name__)
+@pytest.fixture(scope="module", params=EACH_KIND, ids=lambda algorithm: algorithm.__name__)
 def algorithm(request):
     return request.param
 

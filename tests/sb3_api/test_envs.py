@@ -14,7 +14,7 @@ from stable_baselines3.common.callbacks import (
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from sb3_bruno import Transitions
+from sb3_bruno import BrunoSAC, BrunoTQC, PearlSAC, RecurrentSAC, Transitions
 from support.tiny_models import (
     BRUNO,
     POINT,
@@ -23,6 +23,7 @@ from support.tiny_models import (
     assert_close,
     assert_same,
     for_each,
+    for_each_in_turn,
     make_pendulum,
     n_absorbed,
     normalized,
@@ -72,7 +73,7 @@ def test_a_model_is_not_loaded_on_another_family(algorithm, make_model, tmp_path
 KEYS = [["observation"], ["observation", "reward"], None]  # None: SB3's default, all of them
 
 
-@pytest.mark.parametrize("keys", KEYS, ids=str)
+@for_each_in_turn("keys", KEYS)
 def test_vec_normalize_is_saved_and_synchronised(algorithm, make_model, tmp_path, keys):
     env, eval_env = normalized(norm_obs_keys=keys), normalized(norm_obs_keys=keys, training=False)
     model = make_model(env)
@@ -87,7 +88,7 @@ def test_vec_normalize_is_saved_and_synchronised(algorithm, make_model, tmp_path
     assert model.get_vec_normalize_env() is eval_env
 
 
-@for_each(BRUNO)
+@for_each([BrunoSAC])
 @pytest.mark.parametrize("options", [*({"norm_obs_keys": keys} for keys in KEYS), {"norm_obs": False}], ids=str)
 def test_a_belief_carried_through_predict_is_that_of_the_transitions(make_model, options):
     env = normalized(**options)
@@ -120,7 +121,7 @@ class Watch(BaseCallback):
         return True
 
 
-@pytest.mark.parametrize("env_id", [POINT, TRIAL])
+@for_each_in_turn("env_id", [POINT, TRIAL])
 def test_beliefs_in_the_buffer_are_those_of_the_rollout_at_every_step(make_model, env_id):
     options = {"replay_buffer_kwargs": {"context": "episode"}, "learning_starts": 1_000}
     watch, model = Watch(), make_model(make_vec_env(env_id, 2, seed=0), **options)
@@ -147,6 +148,7 @@ def test_beliefs_in_the_buffer_are_those_of_the_rollout_at_every_step(make_model
     assert (inner_ends > 0) == (env_id == TRIAL)
 
 
+@for_each([BrunoSAC, RecurrentSAC, PearlSAC])
 @pytest.mark.parametrize("n_steps", [20, 21, 47])  # an inner episode ends with the last transition, before it, long ago
 def test_the_running_trial_is_encoded_again_as_the_agent_would_see_it(algorithm, make_model, n_steps):
     often = {"encoder_update_ratio": 1}
@@ -163,7 +165,7 @@ def test_the_running_trial_is_encoded_again_as_the_agent_would_see_it(algorithm,
     assert_close(model._carried.memory, state.memory)
 
 
-@for_each(BRUNO)
+@for_each([BrunoTQC])
 def test_no_transitions_give_the_prior(trained):
     nothing = Transitions(*(np.zeros((2, 0, dim)) for dim in (3, 1, 1, 3)))
     prior = trained.infer(nothing)

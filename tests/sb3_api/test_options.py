@@ -13,6 +13,7 @@ from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckA
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNormalize
 
+from sb3_bruno import BrunoSAC, BrunoTD3, BrunoTQC, RecurrentCrossQ, RecurrentSAC
 from sb3_bruno.diagnostics.diagnose import diagnose
 from sb3_bruno.encoders import BrunoEncoder, Transitions
 from sb3_bruno_envs import MetaTask, TransitionObservation
@@ -28,8 +29,9 @@ from support.tiny_models import (
     n_absorbed,
 )
 
+EVERY_BASE = [BrunoTQC, BrunoTD3, RecurrentSAC, RecurrentCrossQ]
 NOISE = {"mean": np.zeros(2), "sigma": 0.1 * np.ones(2)}
-OPTIONS = [
+OPTIONS_OF_SB3 = [
     {"ent_coef": "auto_0.1"},
     {"ent_coef": 0.01},
     {"train_freq": 4},
@@ -40,6 +42,14 @@ OPTIONS = [
     {"use_sde": True, "sde_sample_freq": 4},
     {"use_sde": True, "use_sde_at_warmup": True, "policy_kwargs": {"use_expln": True}},
     {"tau": 1.0, "target_update_interval": 4},
+    {"buffer_size": 1, "batch_size": 2},
+    {"policy_kwargs": {"n_critics": 1}},
+    {"policy_kwargs": {"n_critics": 3, "net_arch": {"pi": [8], "qf": [8, 8]}}},
+    {"policy_kwargs": {"optimizer_class": th.optim.AdamW, "optimizer_kwargs": {"weight_decay": 0.1}}},
+    {"policy_kwargs": {"net_arch": []}},
+    {"learning_starts": 0},
+]
+OUR_OPTIONS = [
     {"learning_rate": LinearSchedule(1e-3, 1e-4, 0.5), "encoder_learning_rate": LinearSchedule(1e-3, 1e-4, 0.5)},
     {"learning_rate": lambda left: left * 1e-3, "encoder_learning_rate": lambda left: left * 1e-3},
     {"learning_starts": 0, "encoder_learning_starts": 0},
@@ -48,12 +58,7 @@ OPTIONS = [
     {"encoder_update_ratio": 0.25},
     {"encoder_update_ratio": 2},
     {"buffer_size": 20},  # shorter than an episode
-    {"buffer_size": 1, "batch_size": 2},
     {"batch_size": 3},  # fewer than sequences
-    {"policy_kwargs": {"n_critics": 1}},
-    {"policy_kwargs": {"n_critics": 3, "net_arch": {"pi": [8], "qf": [8, 8]}}},
-    {"policy_kwargs": {"optimizer_class": th.optim.AdamW, "optimizer_kwargs": {"weight_decay": 0.1}}},
-    {"policy_kwargs": {"net_arch": []}},
     {"replay_buffer_kwargs": {"context": "episode"}},
     {"replay_buffer_kwargs": {"handle_timeout_termination": False}},
     {"critic_input": "belief"},
@@ -67,7 +72,6 @@ OPTIONS = [
     {"encoder_kwargs": {"learns_from": "actor"}},
     {"encoder_kwargs": {"learns_from": "actor"}, "critic_input": "both", "encoder_tau": 0.1},
     {"encoder_kwargs": {"max_grad_norm": None}},
-    {"learning_starts": 0},
     {"learning_rate": 1e-3, "encoder_learning_rate": LinearSchedule(1e-3, 1e-4, 0.5)},
 ]
 OTHERS = [algorithm for algorithm in ALGORITHMS if algorithm not in (*BRUNO, *RECURRENT)]
@@ -81,8 +85,13 @@ OPTIONS_OF_OTHERS = [
 ]
 
 
-@for_each_that_takes(*OPTIONS, algorithms=[*BRUNO, *RECURRENT])
-def test_every_option_learns(make_model, options):
+@for_each_that_takes(*OPTIONS_OF_SB3, algorithms=EVERY_BASE)
+def test_every_option_of_sb3_learns(make_model, options):
+    check_learning(make_model(**options), options)
+
+
+@for_each_that_takes(*OUR_OPTIONS, algorithms=[BrunoSAC, RecurrentCrossQ])
+def test_every_option_of_ours_learns(make_model, options):
     check_learning(make_model(**options), options)
 
 
@@ -105,7 +114,7 @@ def check_learning(model, options):
         assert not of_it or any(not th.equal(before[name], after[name]) for name in of_it)
 
 
-@for_each(BRUNO)
+@for_each([BrunoSAC])
 def test_the_last_transitions_of_a_task_may_be_its_context(make_model):
     assert make_model(replay_buffer_kwargs={"context": "recent", "n_recent": 10}).learn(70)._n_encoder_updates > 0
 
@@ -137,6 +146,7 @@ def test_what_cannot_work_is_refused_by_name(make_model, options, message):
         make_model(**options)
 
 
+@for_each(ALGORITHMS)
 def test_both_names_and_the_class_mean_the_same_policy(make_model):
     model = make_model(policy="MlpPolicy")
     for policy in ("MultiInputPolicy", type(model.policy)):
@@ -153,6 +163,7 @@ def test_gradient_steps_count_the_transitions_of_all_envs(make_model, n_envs):
     assert model.replay_buffer.size() == 15
 
 
+@for_each([BrunoSAC, RecurrentSAC])
 def test_envs_in_subprocesses(make_model):
     env = make_vec_env(POINT, 2, seed=0, vec_env_cls=SubprocVecEnv, vec_env_kwargs={"start_method": "fork"})
     try:
@@ -196,7 +207,7 @@ def test_matrices_of_float64(make_model, options):
 
 
 @pytest.mark.parametrize("normalize", [False, True])
-@for_each(BRUNO)
+@for_each([BrunoSAC])
 def test_what_is_believed_of_matrices(make_model, normalize):
     env = DummyVecEnv([matrix_env])
     env = VecNormalize(env, norm_reward=False, norm_obs_keys=["observation", "reward"]) if normalize else env
@@ -213,13 +224,13 @@ def test_what_is_believed_of_matrices(make_model, normalize):
     assert len(found.quantities) == 1 + 6 and found.pit.shape[-1] == 7
 
 
-@for_each(BRUNO)
+@for_each([BrunoSAC])
 def test_sequences_too_short_for_the_objective_are_refused_at_once(make_model):
     with pytest.raises(ValueError, match=r"`sequence_length=1` is too short .*sequence_length=2"):
         make_model(encoder_kwargs={"objective": "holdout"}, replay_buffer_kwargs={"sequence_length": 1})
 
 
-@for_each(BRUNO)
+@for_each([BrunoSAC])
 def test_training_never_forgets(make_model, monkeypatch):
     monkeypatch.setattr(BrunoEncoder, "log_bayes_factor", lambda *given: th.ones_like(given[-1].rewards[..., 0]))
     for ratio in (0, 1):  # whether or not the running episodes are encoded again

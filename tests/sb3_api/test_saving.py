@@ -19,32 +19,33 @@ from support.tiny_models import (
     assert_carries,
     assert_same,
     for_each,
+    for_each_in_turn,
     for_each_that_takes,
     make_pendulum,
     rollout,
 )
 
 
-@pytest.mark.parametrize("with_env", [True, False])
 @for_each_that_takes({}, {"ent_coef": 0.01, "use_sde": True, "critic_input": "both"}, {**LSTM, "encoder_tau": 0.1})
-def test_a_loaded_model_has_the_same_parameters_actions_and_beliefs(algorithm, make_model, tmp_path, options, with_env):
+def test_a_loaded_model_has_the_same_parameters_actions_and_beliefs(algorithm, make_model, tmp_path, options):
     env = make_vec_env(make_pendulum, 2)
     model = make_model(env, **options).learn(70)
     model.save(tmp_path / "model")
-    loaded = algorithm.load(tmp_path / "model", env=env if with_env else None, device="cpu")
-    assert_same(model.get_parameters(), loaded.get_parameters())
+    loaded = algorithm.load(tmp_path / "model", env=env, device="cpu")
+    without_env = algorithm.load(tmp_path / "model", device="cpu")
+    for copy in (loaded, without_env):
+        assert_same(model.get_parameters(), copy.get_parameters())
     for observation, state, action in rollout(model, env, 10):
-        assert_same(
-            loaded.predict(observation, state, deterministic=True),
-            model.predict(observation, state, deterministic=True),
-        )
-        if isinstance(model.encoder, HasPosterior):
-            assert_same(model.belief(state).mean, loaded.belief(state).mean)
+        predicted = model.predict(observation, state, deterministic=True)
+        for copy in (loaded, without_env):
+            assert_same(copy.predict(observation, state, deterministic=True), predicted)
+            if isinstance(model.encoder, HasPosterior):
+                assert_same(model.belief(state).mean, copy.belief(state).mean)
         assert env.action_space.contains(action[0])
-    if not with_env:
-        loaded.set_env(env)
-    loaded.learn(50, reset_num_timesteps=False)
-    assert loaded.num_timesteps == 120
+    without_env.set_env(env)
+    for copy in (loaded, without_env):
+        copy.learn(20, reset_num_timesteps=False)
+        assert copy.num_timesteps == 90
 
 
 @for_each(BRUNO)
@@ -136,7 +137,7 @@ def test_a_replay_buffer_comes_back_and_is_learned_from(make_model, tmp_path):
     assert (other.replay_buffer.size(), other._n_updates) == (80, 30)
 
 
-@pytest.mark.parametrize("truncate", [True, False])
+@for_each_in_turn("truncate", [True, False])
 def test_a_replay_buffer_may_be_loaded_in_mid_episode(make_model, tmp_path, truncate):
     model = make_model(learning_starts=1_000).learn(50)  # 20 steps into the second episode
     model.save_replay_buffer(tmp_path / "buffer")

@@ -24,11 +24,14 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from tensorboard.backend.event_processing import event_accumulator
 
 from support.tiny_models import (
+    ALGORITHMS,
     LEARNED,
     LSTM,
     POINT,
     assert_carries,
     assert_same,
+    for_each,
+    for_each_in_turn,
     for_each_that_takes,
     make_pendulum,
     make_point,
@@ -40,7 +43,7 @@ from support.tiny_models import (
 @for_each_that_takes({}, {"train_freq": 3, "use_sde": True, "ent_coef": 0.1}, {**LSTM, "encoder_tau": 0.1})
 def test_the_same_seed_gives_the_same_run(make_model, options):
     def run(seed):
-        model = make_model(make_vec_env(POINT, 2), seed=seed, **options).learn(70)
+        model = make_model(make_vec_env(POINT, 2), seed=seed, **options).learn(60)
         return model.get_parameters()["policy"], rollout(model, model.get_env(), 20, deterministic=False)
 
     first = run(seed=3)
@@ -55,6 +58,7 @@ def test_learning_in_two_parts_equals_learning_at_once(make_model):
     assert_same(at_once.get_parameters(), in_parts.get_parameters())
 
 
+@for_each(ALGORITHMS)
 def test_learning_warns_of_nothing(make_model):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -102,7 +106,7 @@ def test_a_callback_stops_after_two_episodes(make_model):
     assert make_model().learn(1_000, StopTrainingOnMaxEpisodes(2)).num_timesteps == 60
 
 
-@pytest.mark.parametrize("error", [None, KeyboardInterrupt])
+@for_each_in_turn("error", [None, KeyboardInterrupt])
 def test_to_learn_on_after_a_stop_in_mid_episode_begins_new_episodes(make_model, error):
     """Where training stops in a rollout, SB3's env is a step ahead of its buffer, in the next episode perhaps."""
 
@@ -150,7 +154,7 @@ def test_train_alone_trains_the_encoder_on_a_buffer_that_was_loaded(make_model, 
     assert {name.split(".")[0] for name in changed} >= {"actor", "critic", "encoder"}
 
 
-@pytest.mark.parametrize("goes_on", [True, False])
+@for_each_in_turn("goes_on", [True, False])
 def test_a_monitor_that_forbids_early_resets_is_named_before_anything_is_reset(make_model, goes_on):
     env = Monitor(gym.make(POINT), allow_early_resets=False)
     model = make_model(env).learn(30)  # a whole episode

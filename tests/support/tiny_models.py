@@ -6,6 +6,7 @@ one constant task, whose actions are not in [-1, 1].
 
 import inspect
 import re
+from itertools import cycle
 
 import gymnasium as gym
 import numpy as np
@@ -34,6 +35,8 @@ from sb3_bruno_envs import MetaTask, TransitionObservation
 BRUNO = [BrunoSAC, BrunoTQC, BrunoCrossQ, BrunoTD3]
 RECURRENT = [RecurrentSAC, RecurrentCrossQ]
 ALGORITHMS = [*BRUNO, *RECURRENT, PearlSAC, VaribadSAC, BeliefSAC]
+EACH_KIND = [BrunoTQC, BrunoTD3, RecurrentCrossQ, PearlSAC, VaribadSAC, BeliefSAC]
+"""As few of them as have every base class and every encoder among them."""
 POINT = "sb3_bruno_envs:PointDir-v0"  # episodes of 30 steps
 TRIAL = "sb3_bruno_envs:SparsePointGoal-v0"  # trials of three episodes of 20 steps
 TINY_BRUNO = {
@@ -96,11 +99,18 @@ def for_each(algorithms):
     return pytest.mark.parametrize("algorithm", algorithms, indirect=True, ids=names, scope="module")
 
 
-def for_each_that_takes(*options, algorithms=ALGORITHMS):
-    """Run a test for some algorithms with each of the options that they have the arguments for."""
+def for_each_that_takes(*options, algorithms=EACH_KIND):
+    """Run a test for algorithms with each of the options that they have the arguments for."""
     pairs = [(algorithm, option) for algorithm in algorithms for option in options if takes(algorithm, option)]
     names = [f"{algorithm.__name__}-{name_of(option)}" for algorithm, option in pairs]
     return pytest.mark.parametrize(("algorithm", "options"), pairs, indirect=["algorithm"], ids=names, scope="module")
+
+
+def for_each_in_turn(name, values):
+    """Run a test once for an algorithm of each kind, with one of the values each: all of them have their turn."""
+    pairs = list(zip(EACH_KIND, cycle(values), strict=False))
+    names = [f"{algorithm.__name__}-{name_of(value)}" for algorithm, value in pairs]
+    return pytest.mark.parametrize(("algorithm", name), pairs, indirect=["algorithm"], ids=names, scope="module")
 
 
 def takes(algorithm, options):
