@@ -12,7 +12,7 @@ from sb3_bruno.encoders.task_readout import ListReadout, TaskReadout
 _PREFIX = "readout."
 
 
-def check_readout(readout: TaskReadout | None, given: Any, *, exact_match: bool) -> list[list[float]] | None:
+def check_readout(readout: TaskReadout | None, given: Any, *, exact_match: bool) -> list[int] | None:
     """Refuse the parameters of a policy whose read-out is not of the tasks of an agent's.
 
     Args:
@@ -21,7 +21,9 @@ def check_readout(readout: TaskReadout | None, given: Any, *, exact_match: bool)
         exact_match: whether all of them are needed.
 
     Returns:
-        The few tasks of the read-out in the order of ``given``, if it is another than the agent's; else None.
+        Where each of the few tasks of ``given`` is among the agent's, if the order is another; else None.
+
+    Example: of the tasks left and right and the agent's right and left, ``[1, 0]``.
 
     Raises:
         ValueError: if only one of the two has a read-out, or they tell other tasks.
@@ -46,7 +48,7 @@ def check_readout(readout: TaskReadout | None, given: Any, *, exact_match: bool)
             f"The parameters have a read-out of {_said(told)}, and the agent's is of {_said(own)}: make the agent in "
             "an environment of the same tasks."
         )
-    return told
+    return [own.index(task) for task in told]
 
 
 def _tasks(tasks: Any) -> list[list[float]] | None:

@@ -152,12 +152,12 @@ class ReadoutTraining(EncoderTraining):
         self, load_path_or_dict: str | TensorDict, exact_match: bool = True, device: th.device | str = "auto"
     ) -> None:
         given: Any = load_path_or_dict  # a dict, as ``Saving`` gives it
-        tasks = check_readout(self.policy.readout, given.get("policy"), exact_match=exact_match)
+        order = check_readout(self.policy.readout, given.get("policy"), exact_match=exact_match)
         super().set_parameters(given, exact_match, device)
-        if tasks is not None:  # the same in another order: their names come along
-            called = dict(zip(map(tuple, self.policy_kwargs["readout"]["tasks"]), self.task_labels.tasks, strict=True))
-            self.policy_kwargs["readout"] = {"tasks": tasks}
-            self._task_labels = self.task_labels._replace(tasks=tuple(called[tuple(task)] for task in tasks))
+        if order is not None:  # of the same tasks: their names come along
+            tasks, labels = self.policy_kwargs["readout"]["tasks"], self.task_labels
+            self.policy_kwargs["readout"] = {"tasks": [tasks[i] for i in order]}
+            self._task_labels = labels._replace(tasks=tuple(labels.tasks[i] for i in order))
 
     def _add_readout(self) -> None:
         if self.env is None:

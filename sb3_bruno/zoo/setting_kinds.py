@@ -30,7 +30,7 @@ def _are_named_or_none(value: Any) -> bool:
 
 
 def _is_switch(value: Any) -> bool:
-    return isinstance(value, bool | str) or _are_named(value)
+    return value is None or isinstance(value, bool | str) or _are_named(value)
 
 
 def _are_wrappers(value: Any) -> bool:

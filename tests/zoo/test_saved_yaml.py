@@ -80,7 +80,7 @@ WRONG = {
         "env_kwargs": (5, "x", {5: 5}),
         "env_wrapper": (5, {}, [5], [["a.B"]], {"a.B": 5}, {"a.B": None}, {"a.B": {}, "c.D": {}}, {5: {}}),
         "vec_env_wrapper": (5, {}),
-        "normalize": (5, None, [True]),
+        "normalize": (5, [True], {5: 5}),
     },
 }
 
