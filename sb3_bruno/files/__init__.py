@@ -1,1 +1,1 @@
-"""How files are written: whole or not at all, and sealed with a checksum. Knows the standard library alone."""
+"""How files are written, whole and sealed with a checksum, and how what they say is shown. Knows the standard library alone."""
