@@ -15,7 +15,7 @@ from sb3_bruno import BrunoSAC, Transitions
 from sb3_bruno.algorithms.readout_training import LEARNING_RATE, N_STEPS, N_TO_SETTLE, _draw_columns
 from sb3_bruno.algorithms.task_estimate import TaskEstimate, TaskLabels
 from sb3_bruno_envs import MetaTask, PointDirEnv, TaskSampler, TransitionObservation
-from support.tiny_models import ALGORITHMS, POINT, TINY, TINY_ENCODER, TRIAL
+from support.tiny_models import EACH_KIND, POINT, TINY, TINY_ENCODER, TRIAL
 
 GOAL = "sb3_bruno_envs:PointGoal-v0"
 
@@ -38,7 +38,7 @@ _NAMES = {
 }
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS, ids=lambda algorithm: algorithm.__name__)
+@pytest.mark.parametrize("algorithm", EACH_KIND, ids=lambda algorithm: algorithm.__name__)
 def test_every_agent_estimates(algorithm, tmp_path):
     model = learned(algorithm)
     state = model.predict(model.get_env().reset())[1]

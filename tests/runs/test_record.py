@@ -129,6 +129,7 @@ def test_a_page_is_made_of_new_and_of_recorded_runs(tmp_path: Path, capsys, monk
         monkeypatch.setattr(sys, "argv", ["sb3-bruno", "report", *map(str, arguments), "--out", str(tmp_path / "page")])
         console()
 
+    monkeypatch.setitem(interquartile_mean.__kwdefaults__, "n_resamples", 20)  # many take seconds
     clocked = run_folder(tmp_path / "c", 3, "sac", conf="oracle")
     (clocked / "0.monitor.csv").write_text('#{"t_start": 0.0}\nr,l,t\n1,200,60\n1,200,180\n')
     commits = ["1234567890", "fedcba9876-dirty"]
