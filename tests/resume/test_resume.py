@@ -40,18 +40,20 @@ def watched():
 
 
 @pytest.mark.parametrize(
-    "make_env",
-    [point, trials, normalized, watched, lambda: point(1)],
-    ids=["plain", "trials", "VecNormalize", "VecMonitor", "one env"],
+    ("make_env", "died_at"), [(point, 75), (point, 170), (trials, 170), (normalized, 75), (watched, 170)]
 )
-@pytest.mark.parametrize("died_at", [75, 170])
 def test_a_resumed_run_equals_the_uninterrupted_one(tmp_path, make_env, died_at):
     check_resumed_run(tmp_path / "checkpoint.pkl", BrunoSAC, make_env, SETTINGS, died_at)
 
 
+@pytest.mark.parametrize("algorithm", [BrunoSAC, RecurrentSAC])
+def test_so_does_one_in_one_env(tmp_path, algorithm):
+    settings = SETTINGS if algorithm is BrunoSAC else TAUGHT
+    check_resumed_run(tmp_path / "checkpoint.pkl", algorithm, lambda: point(1), settings, died_at=75, steps=110)
+
+
 TAUGHT_RUNS = {
     "gru": (RecurrentSAC, point, {}),
-    "one env": (RecurrentSAC, lambda: point(1), {}),
     "lstm in trials": (RecurrentSAC, trials, {"encoder_kwargs": LSTM}),
     "target, VecNormalize": (RecurrentSAC, normalized, {"encoder_tau": 0.1}),
     "by the actor, in trials": (RecurrentSAC, trials, {"encoder_kwargs": {**GRU, "learns_from": "actor"}}),
@@ -72,14 +74,14 @@ def test_a_resumed_run_whose_encoder_is_taught_equals_the_uninterrupted_one(tmp_
     check_resumed_run(tmp_path / "checkpoint.pkl", algorithm, make_env, {**TAUGHT, **settings}, died_at=170)
 
 
-def check_resumed_run(path, algorithm, make_env, settings, died_at):
-    whole = algorithm("MlpPolicy", make_env(), **settings).learn(STEPS)
+def check_resumed_run(path, algorithm, make_env, settings, died_at, steps=STEPS):
+    whole = algorithm("MlpPolicy", make_env(), **settings).learn(steps)
     with pytest.raises(KeyboardInterrupt):
-        algorithm("MlpPolicy", make_env(), **settings).learn(STEPS, [ResumeCallback(path, 30), Die(died_at)])
+        algorithm("MlpPolicy", make_env(), **settings).learn(steps, [ResumeCallback(path, 30), Die(died_at)])
     scramble_random_states()
     resumed = resume(path, make_env())
     assert 0 < resumed.num_timesteps <= died_at
-    resumed.learn(STEPS - resumed.num_timesteps, reset_num_timesteps=False)
+    resumed.learn(steps - resumed.num_timesteps, reset_num_timesteps=False)
     assert resumed.num_timesteps == whole.num_timesteps and resumed._n_encoder_updates == whole._n_encoder_updates > 0
     for tensor, expected in zip(fingerprint(resumed), fingerprint(whole), strict=True):
         assert th.equal(tensor, expected)
@@ -132,6 +134,7 @@ def test_hindsight_goes_on(tmp_path):
         return DummyVecEnv([lambda: Monitor(BitFlippingEnv(n_bits=2, continuous=True))])
 
     kwargs = {"learning_starts": 10, "batch_size": 8, "replay_buffer_class": HerReplayBuffer}
+    kwargs |= {"policy_kwargs": {"net_arch": [8]}, "buffer_size": 200}
     SAC("MultiInputPolicy", make_env(), **kwargs).learn(60, ResumeCallback(tmp_path / "checkpoint.pkl", 40))
     resumed = resume(tmp_path / "checkpoint.pkl", make_env())
     assert resumed.learn(20, reset_num_timesteps=False).num_timesteps >= 60
@@ -161,13 +164,13 @@ def test_the_cheetahs_physics_goes_on_where_it_was(tmp_path):
     def make_env():
         return make_vec_env("sb3_bruno_envs:CheetahDir-v0", 2, seed=0)
 
-    whole = BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(240)
+    whole = BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(100)
     path = tmp_path / "checkpoint.pkl"
     with pytest.raises(KeyboardInterrupt):
-        BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(240, [ResumeCallback(path, 50), Die(150)])
+        BrunoSAC("MlpPolicy", make_env(), **SETTINGS).learn(100, [ResumeCallback(path, 30), Die(80)])
     scramble_random_states()
     resumed = resume(path, make_env())
-    resumed.learn(240 - resumed.num_timesteps, reset_num_timesteps=False)
+    resumed.learn(100 - resumed.num_timesteps, reset_num_timesteps=False)
     for tensor, expected in zip(fingerprint(resumed), fingerprint(whole), strict=True):
         assert th.equal(tensor, expected)
 

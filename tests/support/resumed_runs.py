@@ -18,6 +18,7 @@ SETTINGS = {
     **COMMON,
     "encoder_kwargs": {"flow_class": zuko.flows.MAF, "flow_kwargs": {"transforms": 2, "hidden_features": (16,)}},
     "encoder_batch_size": 4,
+    "encoder_update_ratio": 0.1,
     "replay_buffer_kwargs": {"n_sequences": 4, "sequence_length": 16},
 }
 
