@@ -53,7 +53,7 @@ def test_plain_sac_cannot():
 def test_recurrent_sac_works_out_which_way_to_go():
     config, env_id = zoo_config("recurrent_sac", "PointDir-v0"), "sb3_bruno_envs:PointDir-v0"
     env = make_vec_env(env_id, config["n_envs"], seed=0)
-    model = RecurrentSAC(config["policy"], env, seed=0, **settings_of(config)).learn(int(config["n_timesteps"]))
+    model = RecurrentSAC(config["policy"], env, seed=0, **settings_of(config)).learn(3_000)  # half of the config's
     tasks = POINT_DIR_TASKS.tasks("test")
     returns = evaluate_adaptation(model, lambda: gym.make(env_id), tasks, n_episodes=8).mean_return()
     assert min(returns) > 0.6 * 28.5  # of what an agent that is told earns
