@@ -23,7 +23,7 @@ from sb3_bruno_envs import MetaTask, PointDirEnv, TransitionObservation
 
 STUDY = ["--storage", "demo.log", "--study-name", "demo"]
 OURS = ["train", "--algo", "bruno_sac", "--env", "PointDir-v0", "-n", "120", "--seed", "1"]
-TINY = ["n_envs:2", "learning_starts:60", "buffer_size:2000"]
+TINY = ["n_envs:2", "learning_starts:100", "buffer_size:2000"]
 
 
 def searching(env, algo="bruno_sac", **arguments):
