@@ -16,6 +16,7 @@ from torch import Tensor
 from sb3_bruno.algorithms.carried import Carried
 from sb3_bruno.algorithms.checks import check_buffer, check_encoder_updates
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
+from sb3_bruno.algorithms.task_estimate import example_tasks
 from sb3_bruno.algorithms.values import check_whole
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.buffers.long_episodes import EARLIER, WINDOW, newest, whole
@@ -49,8 +50,11 @@ class EncoderTraining(OffPolicyAlgorithm):
     _carried: Carried | None
 
     def _setup_encoder_training(self) -> None:
-        """Make the encoder's optimiser."""
+        """Make the encoder's optimiser, if the encoder can learn from the env's tasks."""
         encoder = self.encoder
+        takes_all = type(encoder).check_tasks is TaskEncoder.check_tasks
+        if self.env is not None and not takes_all and (tasks := example_tasks(self.env)):
+            encoder.check_tasks(th.tensor(tasks))
         updates = ("encoder_batch_size", "encoder_update_ratio", "encoder_learning_starts")
         check_encoder_updates(encoder, {name: getattr(self, name) for name in updates})
         if encoder.learns_from == "own":

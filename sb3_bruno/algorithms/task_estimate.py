@@ -8,12 +8,14 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.task_words import TaskEstimate, TaskLabels
 
-__all__ = ["FEW_TASKS", "TaskEstimate", "TaskLabels", "few_tasks", "list_tasks", "read_labels"]
+__all__ = ["FEW_TASKS", "TaskEstimate", "TaskLabels", "example_tasks", "few_tasks", "list_tasks", "read_labels"]
 
 LONGEST_NAME = 100
 """Characters of a name that are kept."""
 FEW_TASKS = 8
 """Up to so many tasks are told apart one by one, where there are no others."""
+MANY_TASKS = 1_000
+"""Up to so many tasks of an env are shown to an encoder that does not take all."""
 
 
 def few_tasks(env: VecEnv) -> NDArray[np.float32] | None:
@@ -31,8 +33,16 @@ def list_tasks(env: VecEnv) -> list[list[float]] | None:
     if not env.has_attr("list_tasks"):
         return None
     listed = env.env_method("list_tasks", FEW_TASKS)
-    if any(tasks is None for tasks in listed):
-        return None
+    return None if any(tasks is None for tasks in listed) else _together(listed)
+
+
+def example_tasks(env: VecEnv) -> list[list[float]]:
+    """List up to a thousand tasks of each env, all together; none of envs that do not list them."""
+    return _together(env.env_method("example_tasks", MANY_TASKS)) if env.has_attr("example_tasks") else []
+
+
+def _together(listed: list[list[list[float]]]) -> list[list[float]]:
+    """Join the lists of several envs, each task once."""
     return [list(task) for task in dict.fromkeys(tuple(task) for tasks in listed for task in tasks)]
 
 

@@ -121,6 +121,13 @@ class TaskEncoder(nn.Module, ABC, Generic[Memory]):
         """
         return cls(observation_dim, action_dim, **kwargs)
 
+    def check_tasks(self, tasks: Tensor) -> None:
+        """Refuse tasks that it cannot learn from, (n, task_dim). Asked where a model is made, of the env's tasks.
+
+        Raises:
+            ValueError: naming the task and the remedy.
+        """
+
     @abstractmethod
     def empty(self, batch_shape: tuple[int, ...] = ()) -> Memory:
         """Make the memory of no transitions: the prior."""

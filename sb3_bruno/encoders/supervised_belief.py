@@ -108,6 +108,14 @@ class SupervisedBelief(StandardRecurrent):
     def build(cls, observation_dim: int, action_dim: int, task_dim: int, **kwargs: Any) -> Self:
         return cls(observation_dim, action_dim, task_dim, **kwargs)
 
+    def check_tasks(self, tasks: Tensor) -> None:
+        """Refuse tasks that the head cannot tell, (n, task_dim).
+
+        Raises:
+            ValueError: if tasks should be one-hot vectors, and one is none.
+        """
+        self.head.check(tasks)
+
     def belief(self, memory: RecurrentMemory) -> Tensor:
         """Return the features, (..., feature_dim), or the moments, (..., 2 task_dim) or (..., task_dim)."""
         features = self._mean_features(memory)

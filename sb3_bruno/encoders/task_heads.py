@@ -34,6 +34,9 @@ class GaussianHead(nn.Module):
         self.logits = nn.Linear(feature_dim, n_components) if n_components > 1 else None
         self._shape = (n_components, 2 * task_dim)
 
+    def check(self, tasks: Tensor) -> None:
+        """Take any tasks, (n, task_dim)."""
+
     def update(self, tasks: Tensor) -> None:
         """Move the running statistics that standardise towards those of tasks, (batch, task_dim)."""
         self.standardize.update(tasks)
@@ -74,7 +77,15 @@ class OneHotHead(nn.Module):
         self.logits = nn.Linear(feature_dim, task_dim)
 
     def update(self, tasks: Tensor) -> None:
-        """Check tasks, (batch, task_dim).
+        """Check tasks, (batch, task_dim): not all could be checked before.
+
+        Raises:
+            ValueError: if one is no one-hot vector.
+        """
+        self.check(tasks)
+
+    def check(self, tasks: Tensor) -> None:
+        """Refuse tasks, (n, task_dim), that are no one-hot vectors.
 
         Raises:
             ValueError: if one is no one-hot vector.

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 import torch as th
 from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
 from sb3_bruno import BeliefSAC, TaskCrossQ, TaskTD3, TaskTQC, Transitions, VaribadSAC
 from sb3_bruno.encoders import RecurrentVae, SupervisedBelief
-from sb3_bruno_envs import MetaTask, TransitionObservation
+from sb3_bruno_envs import MetaTask, TaskSet, TransitionObservation
 from support.tiny_models import POINT, TINY, TRIAL, assert_same, make_pendulum, make_point, rollout, tiny
 
 CLASSES = {VaribadSAC: RecurrentVae, BeliefSAC: SupervisedBelief}
@@ -108,14 +109,15 @@ class OneHotEnv(gym.Env):
         return np.zeros(1, np.float32), float(self.task.argmax()), False, False, {}
 
 
-def one_hot_env():
+def three_numbers(tasks, **kwargs):
+    """An env whose reward names the largest of a task's three numbers."""
     env = gym.wrappers.TimeLimit(OneHotEnv(), 10)
-    return TransitionObservation(MetaTask(env, OneHotEnv.set_task, tasks=np.eye(3)))
+    return TransitionObservation(MetaTask(env, OneHotEnv.set_task, tasks, **kwargs))
 
 
 def test_one_hot_tasks_have_probabilities():
     kwargs = {"hidden_size": 8, "head": "one_hot"}
-    model = BeliefSAC("MlpPolicy", one_hot_env(), **tiny(BeliefSAC, encoder_kwargs=kwargs))
+    model = BeliefSAC("MlpPolicy", three_numbers(np.eye(3)), **tiny(BeliefSAC, encoder_kwargs=kwargs))
     model.learn(80)
     seen, actions = np.zeros((3, 9, 1)), np.zeros((3, 9, 1))
     rewards = np.broadcast_to(np.arange(3.0)[:, None, None], (3, 9, 1))
@@ -123,7 +125,31 @@ def test_one_hot_tasks_have_probabilities():
     assert model.task_probabilities(belief, np.eye(3)).shape == (3, 3)
 
 
-@pytest.mark.parametrize(("env", "got"), [(make_pendulum, "tasks of size 1"), (make_point, r"\[-?1.0, ")])
-def test_tasks_that_are_not_one_hot_are_refused(env, got):
+NOT_ONE_HOT = {
+    "one number": (make_pendulum, "tasks of size 1"),
+    "directions": (make_point, r"\[-?1.0, "),
+    "goals, more than are listed one by one": (lambda: gym.make("sb3_bruno_envs:PointGoal-v0"), r"\[-?0\."),
+    "one among others": (lambda: three_numbers([*np.eye(3), [0.5, 0.5, 0.0]]), r"\[0.5, 0.5, 0.0\]"),
+    "those of the split": (
+        lambda: three_numbers(TaskSet(np.eye(3), 2 * np.eye(3)), split="test"),
+        r"\[2.0, 0.0, 0.0\]",
+    ),
+    "endless": (
+        lambda: three_numbers(lambda rng: rng.uniform(size=3), task_space=gym.spaces.Box(0.0, 1.0, (3,))),
+        r"\[0\.",
+    ),
+}
+
+
+@pytest.mark.parametrize(("env", "got"), NOT_ONE_HOT.values(), ids=NOT_ONE_HOT)
+def test_tasks_that_are_not_one_hot_are_refused_where_the_model_is_made(env, got):
     with pytest.raises(ValueError, match=f"needs tasks that are one-hot vectors, got {got}"):
-        BeliefSAC("MlpPolicy", env(), **tiny(BeliefSAC, encoder_kwargs={"head": "one_hot"})).learn(60)
+        BeliefSAC("MlpPolicy", env(), **tiny(BeliefSAC, encoder_kwargs={"head": "one_hot"}))
+
+
+@pytest.mark.parametrize("vec_env", [DummyVecEnv, SubprocVecEnv])
+def test_tasks_of_every_env_are_looked_at(vec_env):
+    envs = vec_env([lambda: three_numbers(np.eye(3)), lambda: three_numbers(1 - np.eye(3))])
+    with pytest.raises(ValueError, match=r"one-hot vectors, got \[0.0, 1.0, 1.0\]"):
+        BeliefSAC("MlpPolicy", envs, **tiny(BeliefSAC, encoder_kwargs={"head": "one_hot"}))
+    envs.close()

@@ -14,15 +14,8 @@ from numpy.typing import ArrayLike
 
 from sb3_bruno_envs.arguments import check_env, check_function
 from sb3_bruno_envs.task_effect import find_task_without_effect
-from sb3_bruno_envs.tasks import (
-    Split,
-    Task,
-    TaskDistribution,
-    TaskSet,
-    as_task_distribution,
-    check_split,
-    check_task,
-)
+from sb3_bruno_envs.task_lists import list_examples, list_few
+from sb3_bruno_envs.tasks import Split, Task, TaskDistribution, TaskSet, as_task_distribution, check_split, check_task
 
 Draw: TypeAlias = Literal["random", "cycle", "fixed"]
 When: TypeAlias = Literal["before_reset", "after_reset"]
@@ -157,11 +150,11 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def list_tasks(self, most: int) -> list[list[float]] | None:
         """List the training tasks if these are at most so many, and those of the test among them; else None."""
-        if not isinstance(self._distribution, TaskSet) or len(self._distribution.tasks("train")) > most:
-            return None
-        train = dict.fromkeys(map(tuple, self._distribution.tasks("train").tolist()))
-        test = set(map(tuple, self._distribution.tasks("test").tolist()))
-        return [list(task) for task in train] if test <= train.keys() else None
+        return list_few(self._distribution, most)
+
+    def example_tasks(self, most: int) -> list[list[float]]:
+        """List the first tasks of the split, or so many that are drawn, by a generator of their own."""
+        return list_examples(self._distribution, self._split, most)
 
     @property
     def task(self) -> Task:
