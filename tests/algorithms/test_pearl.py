@@ -123,6 +123,13 @@ def test_pearl_sac_works_out_which_way_to_go(belief):
     assert min(returns) > 0.8 * 28.5  # of what an agent that is told earns
 
 
+@pytest.mark.parametrize(("env_id", "kl_lambda"), [("PointGoal-v0", 0.1), ("SparsePointGoal-v0", 1.0)])
+def test_points_with_a_goal_weigh_the_kl_as_pearls_own_do(env_id, kl_lambda):
+    """In the unit of SB3's SAC, from its configs of 16 tasks and rewards times 100: the default is that of robots."""
+    config = zoo_config("pearl_sac", env_id)
+    assert config["encoder_kwargs"]["kl_weight"] == pytest.approx(kl_lambda * 16 / (2 * 100**2))
+
+
 def test_who_explores_without_a_trial_is_warned():
     settings = {**TINY, "encoder_kwargs": {**PROTOCOL, "net_arch": (8,)}}
     with pytest.warns(UserWarning, match=r"exploration_episodes.*Trial"):
