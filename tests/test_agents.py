@@ -33,9 +33,11 @@ SHIPPED = {
     "CheetahGravity-v0": Shipped(50, 85),
     "CheetahParams-v0": Shipped(50, 50),
     "CheetahVel-v0": Shipped(200, -25, "cheetah_vel/bruno_sac/seed1"),
+    "HopperParams-v0": Shipped(50, 75),
     "PointDir-v0": Shipped(30, 25),
     "PointGoal-v0": Shipped(50, -9),
     "PointRotation-v0": Shipped(50, -4),
+    "SparsePointGoal-v0": Shipped(60, 28),
 }
 
 
