@@ -22,7 +22,8 @@ GOAL = "sb3_bruno_envs:PointGoal-v0"
 
 def learned(algorithm=BrunoSAC, env=POINT, steps=60, **kwargs):
     name = kwargs.pop("encoder", None) or _encoder_of(algorithm)
-    return algorithm("MlpPolicy", env, **{**TINY, **TINY_ENCODER[name], "gradient_steps": 8, **kwargs}).learn(steps)
+    settings = {**TINY, **TINY_ENCODER[name], "learning_starts": 52, "gradient_steps": 8, **kwargs}
+    return algorithm("MlpPolicy", env, **settings).learn(steps)
 
 
 def _encoder_of(algorithm):
@@ -165,7 +166,7 @@ def test_tasks_are_few_where_all_are_listed(tasks, are_few):
 @pytest.mark.parametrize("vec_env", [None, SubprocVecEnv])
 def test_trials_several_envs_and_normalisation(vec_env):
     env = VecNormalize(make_vec_env(TRIAL, 2, seed=0, vec_env_cls=vec_env))
-    model = learned(env=env, steps=200)
+    model = learned(env=env, steps=200, learning_starts=180)
     estimate = model.task_estimate(model.predict(env.reset())[1])
     assert estimate.mean.shape == (2, 2) and len(estimate.texts()) == 2
     assert np.isfinite(estimate.mean).all() and np.isfinite(estimate.std).all()
