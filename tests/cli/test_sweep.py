@@ -24,7 +24,7 @@ from sb3_bruno.zoo.work import PATIENCE
 from sb3_bruno.zoo.workers import GIVEN_BACK, OWNER, SurplusTrial, give_back_surplus
 from support.commands import ended, start
 
-TINY = ["n_envs:2", "learning_starts:80", "encoder_learning_starts:80", "buffer_size:2000"]
+TINY = ["n_envs:2", "learning_starts:104", "encoder_learning_starts:104", "buffer_size:2000"]
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -145,7 +145,7 @@ def test_a_trial_that_was_queued_again_keeps_its_place(storage, tmp_path):
 
 def test_a_worker_stops_after_its_own_number_of_trials(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    init("x.log", "s")
+    init("x.log", "s", "--n-evaluations", "1")
     run = ["sweep", "run", "--storage", "x.log", "--study-name", "s", "--n-trials"]
     for n_trials, total in ((1, 1), (2, 3)):
         main([*run, str(n_trials)])
