@@ -1,20 +1,28 @@
-"""A training that is interrupted can be resumed, is not taken for a finished one, and disturbs no other."""
+"""A training that is interrupted or killed can be resumed, is not taken for a finished one, and disturbs no other."""
 
 import argparse
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
+import torch as th
+from stable_baselines3.common.monitor import load_results
 
 from sb3_bruno import BrunoSAC
+from sb3_bruno.evaluation.eval_callback import load_learning_curve
+from sb3_bruno.resume.checkpoint import ResumeCallback
 from sb3_bruno.resume.interrupt import InterruptibleResumeCallback
 from sb3_bruno.runs.folder import RunFolder, is_unfinished
+from sb3_bruno.runs.origin import ORIGIN, trained_at
 from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.registry import register
 from sb3_bruno.zoo.trained import load_trained
+from support.commands import ended, start
 from support.tiny_runs import tiny
 
 
@@ -112,3 +120,37 @@ def test_ctrl_c_in_a_terminal_reaches_the_training_and_not_its_subprocesses(run,
     printed, _ = process.communicate()
     assert process.returncode == 130 and f"--resume logs/bruno_sac/{folder.name}" in printed
     assert (folder / "checkpoint.pkl").is_file()
+
+
+def die_at_280():
+    """Be a training that is killed after 280 env steps."""
+    plain = ResumeCallback._on_step
+
+    def die(callback):
+        if callback.num_timesteps == 280:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return plain(callback)
+
+    ResumeCallback._on_step = die
+
+
+def test_a_killed_run_is_resumed_exactly(run, tmp_path):
+    arguments = tiny("--checkpoint-freq", 160)
+    run(*arguments)
+    whole, parts = (tmp_path / "logs" / "bruno_sac" / f"PointDir-v0_{i}" for i in (1, 2))
+    assert ended(start(*arguments, prepare=die_at_280)) == -signal.SIGKILL
+    killed_at = (parts / "checkpoint.pkl").stat().st_mtime_ns
+    printed, mistake = run("train", "--resume", parts)
+    assert mistake == "" and "at 160 of 480 env steps" in printed
+    assert (parts / "checkpoint.pkl").stat().st_mtime_ns > killed_at  # its own --checkpoint-freq, not the default
+    origins = [json.loads((folder / ORIGIN).read_text()) for folder in (whole, parts)]
+    assert origins[0]["command"] == origins[1]["command"]
+    assert [len(origin["versions"]) for origin in origins] == [1, 2]
+    assert trained_at(whole) == trained_at(parts) and len(trained_at(parts)) == 1
+    uninterrupted, resumed = (BrunoSAC.load(folder / "PointDir-v0.zip") for folder in (whole, parts))
+    for name, value in uninterrupted.policy.state_dict().items():
+        assert th.equal(value, resumed.policy.state_dict()[name]), name
+    for expected, found in zip(load_learning_curve(whole), load_learning_curve(parts), strict=True):
+        np.testing.assert_array_equal(found, expected)
+    returns = [np.sort(load_results(str(folder)).r) for folder in (whole, parts)]
+    np.testing.assert_array_equal(*returns)

@@ -1,16 +1,12 @@
 """Our configs and our command line, as a user of RL Zoo meets them."""
 
-import json
-import os
 import re
-import signal
 import sys
 from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
-import torch as th
 import yaml
 from stable_baselines3.common.monitor import load_results
 
@@ -19,14 +15,11 @@ from sb3_bruno.cli.main import main
 from sb3_bruno.diagnostics.result import Diagnostics
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.eval_callback import load_learning_curve
-from sb3_bruno.resume.checkpoint import ResumeCallback
-from sb3_bruno.runs.origin import ORIGIN, trained_at
 from sb3_bruno.zoo.configs import DEFAULT, config_file, config_name, configs_folder, find_config, read_configs
 from sb3_bruno.zoo.registry import ALGORITHMS
 from sb3_bruno.zoo.saved_yaml import read_saved
 from sb3_bruno_envs import CHEETAH_VEL_TASKS
 from sb3_bruno_envs.classic.wind import WIND
-from support.commands import ended, start
 from support.tiny_runs import tiny
 
 CONFIGS = sorted(configs_folder().rglob("*.yml"))
@@ -237,40 +230,6 @@ def test_an_agent_is_trained_on(run, tmp_path):
     first = tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip"
     assert run(*tiny("-i", first))[1] == ""
     assert BrunoSAC.load(first.parents[1] / "PointDir-v0_2" / "PointDir-v0.zip").num_timesteps == 480
-
-
-def die_at_280():
-    """Be a training that is killed after 280 env steps."""
-    plain = ResumeCallback._on_step
-
-    def die(callback):
-        if callback.num_timesteps == 280:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return plain(callback)
-
-    ResumeCallback._on_step = die
-
-
-def test_a_killed_run_is_resumed_exactly(run, tmp_path):
-    arguments = tiny("--checkpoint-freq", 160)
-    run(*arguments)
-    whole, parts = (tmp_path / "logs" / "bruno_sac" / f"PointDir-v0_{i}" for i in (1, 2))
-    assert ended(start(*arguments, prepare=die_at_280)) == -signal.SIGKILL
-    killed_at = (parts / "checkpoint.pkl").stat().st_mtime_ns
-    printed, mistake = run("train", "--resume", parts)
-    assert mistake == "" and "at 160 of 480 env steps" in printed
-    assert (parts / "checkpoint.pkl").stat().st_mtime_ns > killed_at  # its own --checkpoint-freq, not the default
-    origins = [json.loads((folder / ORIGIN).read_text()) for folder in (whole, parts)]
-    assert origins[0]["command"] == origins[1]["command"]
-    assert [len(origin["versions"]) for origin in origins] == [1, 2]
-    assert trained_at(whole) == trained_at(parts) and len(trained_at(parts)) == 1
-    uninterrupted, resumed = (BrunoSAC.load(folder / "PointDir-v0.zip") for folder in (whole, parts))
-    for name, value in uninterrupted.policy.state_dict().items():
-        assert th.equal(value, resumed.policy.state_dict()[name]), name
-    for expected, found in zip(load_learning_curve(whole), load_learning_curve(parts), strict=True):
-        np.testing.assert_array_equal(found, expected)
-    returns = [np.sort(load_results(str(folder)).r) for folder in (whole, parts)]
-    np.testing.assert_array_equal(*returns)
 
 
 @pytest.mark.parametrize(
