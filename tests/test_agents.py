@@ -38,6 +38,7 @@ SHIPPED = {
     "PointGoal-v0": Shipped(None, -9),
     "PointRotation-v0": Shipped(None, -4),
     "SparsePointGoal-v0": Shipped(None, 28),
+    "WalkerParams-v0": Shipped(50, 45),
 }
 
 
