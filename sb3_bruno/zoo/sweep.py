@@ -15,6 +15,7 @@ from rl_zoo3.callbacks import TrialEvalCallback
 from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.vec_env import VecEnv
 
+from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.zoo.configs import merged
 from sb3_bruno.zoo.experiment import TaskExperiment
 from sb3_bruno.zoo.fit import check_hyperparameters
@@ -96,7 +97,10 @@ class SweepExperiment(TaskExperiment):
         env, eval_env = self.create_envs(self.n_envs), self.create_envs(1, eval_env=True)
         try:
             hyperparams = merged(self._hyperparams, drawn)
-            model = rl_zoo3.ALGOS[self.algo](env=env, seed=self.seed + trial.number, device="cpu", **hyperparams)
+            algorithm = rl_zoo3.ALGOS[self.algo]
+            if issubclass(algorithm, TaskInference):
+                hyperparams = {"task_readout": False, **hyperparams}  # nobody reads it, and the agent is the same
+            model = algorithm(env=env, seed=self.seed + trial.number, device="cpu", **hyperparams)
             evaluate = TrialEvalCallback(
                 eval_env,
                 trial,

@@ -11,6 +11,7 @@ import pytest
 import yaml
 from optuna.trial import TrialState
 
+from sb3_bruno import BrunoSAC
 from sb3_bruno.encoders import BrunoEncoder, RecurrentEncoder, find_encoder
 from sb3_bruno.zoo.configs import config_file
 from sb3_bruno.zoo.held_out import hold_out, listed_tasks
@@ -72,6 +73,15 @@ def test_few_tasks_are_judged_with_fresh_seeds():
     assert experiment.n_eval_episodes == 10  # five times both directions
     assert not np.array_equal(first.reset()["observation"][0], judged.reset()["observation"][0])
     assert experiment.seed == 0
+
+
+@pytest.mark.parametrize(("given", "has_readout"), [({}, False), ({"task_readout": True}, True)])
+def test_a_trial_trains_no_read_out_that_nobody_asked_for(monkeypatch, given, has_readout):
+    found = []
+    monkeypatch.setattr(BrunoSAC, "learn", lambda self, *_: found.append(self.policy.readout is not None) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        SweepExperiment(settings(**given)).objective(optuna.create_study().ask())
+    assert found == [has_readout]
 
 
 def test_an_error_of_a_trial_is_no_pruned_trial():
