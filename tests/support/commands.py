@@ -19,7 +19,7 @@ def start(*arguments, prepare=None):
 
 def ended(process):
     """Wait for a process; return its exit code."""
-    process.join(200)
+    process.join()
     return process.exitcode
 
 
