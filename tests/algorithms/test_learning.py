@@ -17,7 +17,7 @@ CONFIG = zoo_config("bruno_sac", "PointDir-v0")
 N_TIMESTEPS = 2_000  # a third of the config's: enough to tell the two apart
 
 
-def tested(model, observe):
+def adaptation_of(model, observe):
     """What the agent does in both directions."""
     tasks = POINT_DIR_TASKS.tasks("test")
     return evaluate_adaptation(model, lambda: gym.make(ENV_ID, observe=observe), tasks, n_episodes=8)
@@ -27,7 +27,7 @@ def tested(model, observe):
 def test_brunosac_works_out_which_way_to_go_within_a_few_steps():
     env = make_vec_env(ENV_ID, CONFIG["n_envs"], seed=0)
     model = BrunoSAC(CONFIG["policy"], env, seed=0, **settings_of(CONFIG)).learn(N_TIMESTEPS)
-    result = tested(model, "transition")
+    result = adaptation_of(model, "transition")
     assert min(result.mean_return()) > 0.6 * BEST
     assert result.steps_to_steady(window=1).max() <= 5
 
@@ -38,6 +38,6 @@ def test_plain_sac_cannot_whatever_it_learns():
     shared = {key: value for key, value in settings_of(CONFIG).items() if not key.startswith(("encoder", "replay"))}
     env = make_vec_env(ENV_ID, CONFIG["n_envs"], seed=0, env_kwargs={"observe": "plain"})
     model = SAC("MlpPolicy", env, seed=0, **shared).learn(N_TIMESTEPS)
-    left, right = tested(model, "plain").mean_return()
+    left, right = adaptation_of(model, "plain").mean_return()
     assert min(left, right) < 0.1 * BEST
     assert np.mean([left, right]) < 0.1 * BEST
