@@ -29,6 +29,7 @@ class Shipped(NamedTuple):
 
 SHIPPED = {
     "AntDir-v0": Shipped(50, 40),
+    "AntGoal-v0": Shipped(50, -140),
     "CartpoleSwingUp-v0": Shipped(100, 15),
     "CheetahDir-v0": Shipped(None, 1_000, "cheetah_dir/bruno_sac/seed3"),
     "CheetahGravity-v0": Shipped(50, 85),
