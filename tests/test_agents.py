@@ -36,6 +36,7 @@ SHIPPED = {
     "CheetahParams-v0": Shipped(50, 50),
     "CheetahVel-v0": Shipped(None, -25, "cheetah_vel/bruno_sac/seed1"),
     "HopperParams-v0": Shipped(50, 75),
+    "HumanoidDir-v0": Shipped(50, 190),
     "PointDir-v0": Shipped(None, 25),
     "PointGoal-v0": Shipped(None, -9),
     "PointRotation-v0": Shipped(None, -4),
