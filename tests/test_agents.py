@@ -29,6 +29,7 @@ class Shipped(NamedTuple):
 
 SHIPPED = {
     "AntDir-v0": Shipped(50, 40),
+    "AntDir2D-v0": Shipped(50, 30, "agents/ant_dir2d/bruno_sac/seed1"),
     "AntGoal-v0": Shipped(50, -140),
     "CartpoleSwingUp-v0": Shipped(100, 15),
     "CheetahDir-v0": Shipped(None, 1_000, "cheetah_dir/bruno_sac/seed3"),
