@@ -143,4 +143,6 @@ def add_trust(parser: argparse.ArgumentParser) -> None:
 
 def add_gym_packages(parser: argparse.ArgumentParser) -> None:
     """Add ``--gym-packages``, as rl_zoo3's ``train`` has it. A run remembers what it was trained with."""
-    parser.add_argument("--gym-packages", nargs="+", default=[], help="packages to import, which register environments")
+    parser.add_argument(
+        "--gym-packages", nargs="+", default=[], help="packages to import, which register environments or hold wrappers"
+    )

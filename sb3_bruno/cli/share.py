@@ -55,6 +55,7 @@ def push(arguments: list[str]) -> None:
     """
     parser = command_parser("push", push)
     add_run(parser, folder="agents")
+    add_gym_packages(parser)
     _add_repo(parser)
     parser.add_argument("--private", action="store_true", help="a new repository is for its owner alone")
     options = parser.parse_args(arguments)
@@ -64,7 +65,9 @@ def push(arguments: list[str]) -> None:
     from sb3_bruno.zoo.shared_run import files_to_share
 
     with told_as_mistake():
-        folder, names = files_to_share(Path(options.folder), options.algo, options.env, options.exp_id)
+        folder, names = files_to_share(
+            Path(options.folder), options.algo, options.env, options.exp_id, options.gym_packages
+        )
         url = push_files(folder, names, options.repo_id, private=options.private)
     print(f"Sent {folder} to {url}")
 

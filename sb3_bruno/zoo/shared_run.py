@@ -76,7 +76,7 @@ def pack(agent: TrainedAgent, out: Path, record: Path | None) -> Path:
     return folder
 
 
-def files_to_share(logs: Path, algo: str, env: str, exp_id: int) -> tuple[Path, list[str]]:
+def files_to_share(logs: Path, algo: str, env: str, exp_id: int, packages: Sequence[str]) -> tuple[Path, list[str]]:
     """Find the folder of an agent that was packed, and name its files, which ``take_in`` would take elsewhere.
 
     Args:
@@ -84,6 +84,8 @@ def files_to_share(logs: Path, algo: str, env: str, exp_id: int) -> tuple[Path, 
         algo: rl_zoo3's name of the algorithm.
         env: id of the environment.
         exp_id: the run's number, 0 for the latest.
+        packages: packages that its settings may name, besides ours and those that it imports; who takes it in has to
+            name them all.
 
     Raises:
         ValueError: if one of them is missing, or not as ``pack`` makes it.
@@ -94,7 +96,7 @@ def files_to_share(logs: Path, algo: str, env: str, exp_id: int) -> tuple[Path, 
     names = shared_files(folder, name)
     check_names(names, str(folder))
     check_sizes({name: (folder / name).stat().st_size for name in names}, str(folder))
-    _check_files(folder, name, packages=None)
+    _check_files(folder, name, [*packages, *SavedRun.load(folder / name).gym_packages])
     return folder, names
 
 
@@ -127,13 +129,13 @@ def _read(path: Path) -> str:
     return path.read_text(encoding="utf-8") if path.is_file() else ""
 
 
-def _check_files(folder: Path, env: str, packages: Sequence[str] | None) -> str:
+def _check_files(folder: Path, env: str, packages: Sequence[str]) -> str:
     """Look at the files of an agent that is shared.
 
     Args:
         folder: where they are.
         env: the environment's name, as the folders of runs are named.
-        packages: packages that its settings may name, besides ours; None for all that they name.
+        packages: packages that its settings may name, besides ours.
 
     Returns:
         rl_zoo3's name of its algorithm.
@@ -142,7 +144,7 @@ def _check_files(folder: Path, env: str, packages: Sequence[str] | None) -> str:
         ValueError: if a file is not as ``pack`` makes it, or the settings would have other code run.
     """
     saved = SavedRun.load(folder / env)
-    check_settings(saved, folder / env, saved.gym_packages if packages is None else packages)
+    check_settings(saved, folder / env, packages, remedy="share an agent without it")
     if (folder / ORIGIN).is_file():
         load_command(folder)
     model = load_agent(folder / f"{env}{AGENT_FILE}", device="cpu")

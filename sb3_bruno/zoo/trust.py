@@ -6,7 +6,7 @@ write.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -43,13 +43,16 @@ def check_pickle(path: Path, *, trust: bool) -> None:
         )
 
 
-def check_settings(saved: SavedRun, params: Path, packages: Iterable[str] = ()) -> None:
+def check_settings(
+    saved: SavedRun, params: Path, packages: Collection[str] = (), *, remedy: str = "give --trust if you know its maker"
+) -> None:
     """Refuse settings of a run that have code run, other than that of our environments, or have it run for long.
 
     Args:
         saved: the settings.
         params: the folder that they are in, for the error.
-        packages: those that the user has named.
+        packages: those that the user has named, whose wrappers are welcome too.
+        remedy: what else the user can do, for the errors.
 
     Raises:
         ValueError: naming what they ask for, and the flags.
@@ -57,18 +60,18 @@ def check_settings(saved: SavedRun, params: Path, packages: Iterable[str] = ()) 
     named = [f"the package {shown(package)}" for package in saved.gym_packages if package not in {OURS, *packages}]
     for key in WRAPPERS:
         wrappers = _names(saved.hyperparams.get(key))
-        named += [f"the wrapper {shown(name)}" for name in wrappers if not _is_ours(name, CALLED[key])]
-    if isinstance(saved.hyperparams["normalize"], str):
-        named.append(f"the expression {shown(saved.hyperparams['normalize'])}")
+        named += [f"the wrapper {shown(name)}" for name in wrappers if not _is_welcome(name, CALLED[key], packages)]
     if named:
         raise ValueError(
-            f"{params} asks for {named[0]}, which is not ours: give --gym-packages with the package, or --trust for all"
+            f"{params} asks for {named[0]}, which is not ours: give --gym-packages its package, or {remedy}"
         )
+    if isinstance(saved.hyperparams["normalize"], str):
+        raise ValueError(f"{params} asks for the expression {shown(saved.hyperparams['normalize'])}: {remedy}")
     given = [saved.env_kwargs, *(saved.hyperparams.get(key) for key in WRAPPERS)]
     for name, number in (entry for settings in given for entry in _numbers(settings)):
         if not abs(number) <= LARGEST:  # nor is NaN
             raise ValueError(
-                f"{params} asks for {name}={shown(number)}, and others may ask for {LARGEST:,} at most: give --trust"
+                f"{params} asks for {name}={shown(number)}, and others may ask for {LARGEST:,} at most: {remedy}"
             )
 
 
@@ -90,6 +93,7 @@ def _names(wrappers: Any) -> Iterator[str]:
         yield from wrapper if isinstance(wrapper, dict) else [wrapper]
 
 
-def _is_ours(name: str, kind: type) -> bool:
-    """Tell whether "sb3_bruno_envs.Name" is a wrapper of ours."""
-    return name.startswith(f"{OURS}.") and name.count(".") == 1 and names_a(kind, name)
+def _is_welcome(name: str, kind: type, packages: Iterable[str]) -> bool:
+    """Tell whether "sb3_bruno_envs.Name" is a wrapper of ours, or "package.module.Name" one of a package named."""
+    is_ours = name.startswith(f"{OURS}.") and name.count(".") == 1
+    return (is_ours or any(name.startswith(f"{package}.") for package in packages)) and names_a(kind, name)

@@ -165,6 +165,18 @@ def test_our_own_wrappers_and_packages_that_are_named_need_no_trust(run, elsewhe
     assert run("evaluate", *ENV, "-f", "downloads", "--episodes", 1, "--steps", 2, *named)[1] == ""
 
 
+def test_wrappers_of_packages_that_are_named_need_no_trust(run, elsewhere):
+    path = elsewhere / "PointDir-v0" / "config.yml"
+    saved, evaluate = read_saved(path), ["evaluate", *ENV, "-f", "downloads", "--episodes", 1, "--steps", 2]
+    for wrapper, packages, mistaken in (
+        ("gymnasium.wrappers.PassiveEnvChecker", ["gymnasium"], False),
+        ("gymnasium.wrappers.PassiveEnvChecker", ["gym", "colorsys"], True),
+        ("gymnasium.make", ["gymnasium"], True),  # is no wrapper
+    ):
+        path.write_text(yaml.dump({**saved, "env_wrapper": wrapper}))
+        assert (f"asks for the wrapper '{wrapper}'" in run(*evaluate, "--gym-packages", *packages)[1]) == mistaken
+
+
 def test_an_agent_of_another_algorithm_is_told(run, elsewhere):
     elsewhere.parent.rename(elsewhere.parents[1] / "pearl_sac")
     mistake = run("evaluate", "--algo", "pearl_sac", *ENV, "-f", "downloads")[1]

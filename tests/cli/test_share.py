@@ -201,6 +201,16 @@ def test_nothing_else_is_pulled(run, pushed, tmp_path, change, line):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_wrapper_of_a_package_that_both_sides_name_is_shared(run, here, hub):
+    path = here / PACKED / "PointDir-v0" / "config.yml"
+    path.write_text(yaml.dump({**read_saved(path), "env_wrapper": "gymnasium.wrappers.Autoreset"}))
+    for command in (PUSH, PULL):
+        mistake = run(*command)[1]
+        assert "asks for the wrapper 'gymnasium.wrappers.Autoreset', which is not ours: give --gym-packages" in mistake
+        assert "--trust" not in mistake
+        assert run(*command, "--gym-packages", "gymnasium")[1] == ""
+
+
 def renamed(folder, env):
     """Give the environment of the packed agent another name; return what commands call it by."""
     packed = folder / PACKED
