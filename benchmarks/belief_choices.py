@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,10 +21,10 @@ import gymnasium as gym
 import numpy as np
 import torch as th
 from encoder_alone import explained, random_transitions, updates
+from made_by import about_this_run, made_by
 
 from sb3_bruno import BrunoEncoder, TaskReplayBuffer
 from sb3_bruno.encoders.base import map_memory
-from sb3_bruno.evaluation import library_versions
 
 CONTEXTS = (1, 5, 20, 40)
 N_SEQUENCES = 400
@@ -118,12 +117,8 @@ def main() -> None:
             print(lines[-1], flush=True)
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
-        about = {"command": " ".join(["python", *sys.argv]), "versions": library_versions()}
-        lines += [
-            "",
-            f"Median (least to greatest) over seeds {options.seeds}.",
-            f"Made by `{about['command']}`, {about['versions']}.",
-        ]
+        about = about_this_run()
+        lines += ["", f"Median (least to greatest) over seeds {options.seeds}.", made_by(about)]
         (options.out / "belief_choices.md").write_text("\n".join(lines) + "\n")
         (options.out / "belief_choices.json").write_text(json.dumps({**about, "runs": runs}, indent=1) + "\n")
 

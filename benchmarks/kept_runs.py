@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-import shlex
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from sb3_bruno.evaluation import library_versions
+from made_by import about_this_run, made_by
 
 Row = dict[str, float]
 
@@ -29,7 +27,7 @@ class KeptRuns:
     def __init__(self, folder: Path | None, name: str, **settings: Any) -> None:
         self._path = None if folder is None else folder / f"{name}.json"
         self._settings = settings
-        self._about = {"command": shlex.join(["python", *sys.argv]), **settings, "versions": library_versions()}
+        self._about = {**settings, **about_this_run()}
         self.rows: dict[str, dict[str, Row]] = {}
         self._commits: dict[str, dict[str, str]] = {}
         self._read()
@@ -53,8 +51,8 @@ class KeptRuns:
         self._keep()
         if self._path is not None:
             commits = sorted({commit for by_seed in self._commits.values() for commit in by_seed.values()})
-            made_by = f"Made by `{self._about['command']}`, {self._about['versions']}; commits {', '.join(commits)}."
-            self._path.with_suffix(".md").write_text("\n".join(lines) + f"\n\n{note} {made_by}\n")
+            told = f"{note} {made_by(self._about)} Runs at commit {', '.join(commits)}."
+            self._path.with_suffix(".md").write_text("\n".join(lines) + f"\n\n{told}\n")
 
     def _keep(self) -> None:
         if self._path is not None:

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import torch as th
+from made_by import about_this_run, made_by
 from speed_sections.acting import acting
 from speed_sections.parts import parts
 from speed_sections.race import table
@@ -27,8 +28,6 @@ from speed_sections.rivals import training
 from speed_sections.rollouts import rollouts
 from speed_sections.sizes import episodes, growth, memory, sampling
 from speed_sections.updates import actor_critic_updates, encoder_updates
-
-from sb3_bruno.evaluation import library_versions
 
 ALL = (training, parts, encoder_updates, actor_critic_updates, rollouts, acting, sampling, episodes, growth, memory)
 SECTIONS: dict[str, Any] = {section.__name__: section for section in ALL}
@@ -50,13 +49,12 @@ def main() -> None:
         print(table(new), flush=True)
         rows += new
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # MiB: Linux counts in KiB
-    about = {"versions": library_versions(), "machine": platform.machine(), "torch_threads": 1, "peak_mib": peak}
-    about |= {"command": f"python benchmarks/speed.py --rounds {options.rounds}"}
+    about = {**about_this_run(), "machine": platform.machine(), "torch_threads": 1, "peak_mib": peak}
     print(f"peak memory of this process: {peak:,.0f} MiB")
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
-        made_by = f"Made by `{about['command']}`, one thread, {about['versions']}; peak memory {peak:,.0f} MiB.\n\n"
-        (options.out / "speed.md").write_text(made_by + table(rows), encoding="utf-8")
+        told = f"{made_by(about)} One thread; peak memory {peak:,.0f} MiB.\n\n"
+        (options.out / "speed.md").write_text(told + table(rows), encoding="utf-8")
         text = json.dumps({**about, "rows": [entry._asdict() for entry in rows], "seconds": seconds}, indent=1)
         (options.out / "speed.json").write_text(text + "\n", encoding="utf-8")
 

@@ -12,18 +12,17 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import torch as th
+from made_by import about_this_run, made_by
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_bruno import BrunoSAC
-from sb3_bruno.evaluation import library_versions
 
 
 class Switch(gym.Wrapper[Any, Any, Any, Any]):
@@ -103,11 +102,10 @@ def main() -> None:
         lines.append("| " + " | ".join(cells) + " |")
     print("\n".join(lines))
     if options.out:
-        about = {"command": " ".join(["python", *sys.argv]), "versions": library_versions()}
+        about = about_this_run()
         name = options.out / f"switch_{options.env}"
         name.with_suffix(".json").write_text(json.dumps({**about, "rows": rows}, indent=1) + "\n")
-        made_by = f"\n\nMade by `{about['command']}`, {about['versions']}.\n"
-        name.with_suffix(".md").write_text("\n".join(lines) + made_by)
+        name.with_suffix(".md").write_text("\n".join(lines) + f"\n\n{made_by(about)}\n")
 
 
 if __name__ == "__main__":

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
+
+from sb3_bruno.buffers.task_numbers import TaskNumbers, grown
 
 Array = NDArray[np.int64]
 LEAST_ROOM = 4
@@ -28,34 +28,31 @@ class TaskIndex:
     """
 
     def __init__(self, n_slots: int) -> None:
+        self._numbers = TaskNumbers()  # of the tasks that hold a slot
         self._number_of_slot = np.full(n_slots, -1, dtype=np.int32)
-        # By number of a task: its vector, and where in the array its queue begins and ends and its room ends.
-        self._tasks = np.empty((0, 0), dtype=np.float32)
+        # By number of a task: where in the array its queue begins and ends and its room ends.
         self._begin, self._end, self._limit = (np.empty(0, dtype=np.int32) for _ in range(3))
         self._place = np.empty(0, dtype=np.int32)  # among those that hold a slot
-        self._number_of: dict[bytes, int] = {}
-        self._free_numbers: list[int] = []
         self._live = np.empty(0, dtype=np.int32)  # numbers of the tasks that hold a slot, the first ``len(self)`` of it
         self._queued = np.empty(64, dtype=np.int32)
         self._n_queued = 0
 
     def __len__(self) -> int:
         """The number of tasks that hold a slot."""
-        return len(self._number_of)
+        return len(self._numbers)
 
     @property
     def task_dim(self) -> int | None:
         """The size of the task vectors; None before the first."""
-        return self._tasks.shape[1] if len(self) else None
+        return self._numbers.vectors.shape[1] if len(self) else None
 
     def put(self, slot: int, task: NDArray[np.float32]) -> None:
         """Give ``slot`` to ``task``, taking it from the task that held it."""
         if self._number_of_slot[slot] >= 0:
             self._evict(int(self._number_of_slot[slot]))
-        key = task.tobytes()
-        number = self._number_of.get(key)
+        number = self._numbers.find(task)
         if number is None:
-            number = self._open(key, task)
+            number = self._open(task)
         if self._end[number] == self._limit[number]:
             self._move(number)
         self._queued[self._end[number]] = slot
@@ -73,7 +70,7 @@ class TaskIndex:
 
     def tasks(self, numbers: Array) -> NDArray[np.float32]:
         """Return the vectors of tasks, (n, task_dim)."""
-        return self._tasks[numbers]
+        return self._numbers.vectors[numbers]
 
     def counts(self, numbers: Array) -> Array:
         """Return how many slots each of the tasks holds, (n,)."""
@@ -85,26 +82,20 @@ class TaskIndex:
         slots: Array = self._queued[begin + places].astype(np.int64)
         return slots
 
-    def _open(self, key: bytes, task: NDArray[np.float32]) -> int:
-        place = len(self)
-        number = self._free_numbers.pop() if self._free_numbers else place
-        if number == len(self._tasks):
-            if number == 0:
-                self._tasks = np.empty((0, len(task)), dtype=np.float32)
-            for name in ("_tasks", "_begin", "_end", "_limit", "_place", "_live"):
-                setattr(self, name, _grown(getattr(self, name)))
-        self._tasks[number] = task
+    def _open(self, task: NDArray[np.float32]) -> int:
+        place, number = len(self), self._numbers.open(task)
+        if number == len(self._begin):
+            for name in ("_begin", "_end", "_limit", "_place", "_live"):
+                setattr(self, name, grown(getattr(self, name)))
         self._begin[number] = self._end[number] = self._limit[number] = 0
         self._live[place], self._place[number] = number, place
-        self._number_of[key] = number
         return number
 
     def _evict(self, number: int) -> None:
         self._begin[number] += 1
         if self._begin[number] < self._end[number]:
             return
-        del self._number_of[self._tasks[number].tobytes()]
-        self._free_numbers.append(number)
+        self._numbers.close(number)
         # The last of the live takes the place of the one that goes, so that no array is shifted.
         place, last = self._place[number], self._live[len(self)]
         self._live[place], self._place[last] = last, place
@@ -122,18 +113,13 @@ class TaskIndex:
         self._n_queued += room
 
     def _pack(self) -> None:
-        """Write all queues one after the other, each with as much room again, to an array half as long again."""
+        """Write all queues one after the other, each with as much room again, to an array a quarter longer."""
         live = self._live[: len(self)].astype(np.int64)
         counts = self.counts(live)
         rooms = np.maximum(2 * counts, LEAST_ROOM)
         begins = np.cumsum(rooms) - rooms
         within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        queued = np.empty(max(3 * int(rooms.sum()) // 2, 64), dtype=np.int32)
+        queued = np.empty(max(5 * int(rooms.sum()) // 4, 64), dtype=np.int32)
         queued[np.repeat(begins, counts) + within] = self._queued[np.repeat(self._begin[live], counts) + within]
         self._queued, self._n_queued = queued, int(rooms.sum())
         self._begin[live], self._end[live], self._limit[live] = begins, begins + counts, begins + rooms
-
-
-def _grown(array: NDArray[Any]) -> NDArray[Any]:
-    """Return an array of half as many entries again, of which the first are those of this one."""
-    return np.concatenate([array, np.empty_like(array, shape=(max(len(array) // 2, 16), *array.shape[1:]))])

@@ -56,7 +56,7 @@ def test_an_endless_stream_of_tasks_leaves_nothing_behind():
     for i in range(10_000):
         index.put(i % 10, vector(i))
     assert len(index) == len(held_by(index)) == 10
-    assert len(index._tasks) <= 32 and len(index._queued) <= 100
+    assert len(index._numbers.vectors) <= 32 and len(index._queued) <= 100
 
 
 def test_a_long_lived_queue_keeps_to_its_size():
