@@ -43,6 +43,7 @@ SHIPPED = {
     "PointRotation-v0": Shipped(None, -4),
     "SparsePointGoal-v0": Shipped(None, 28),
     "WalkerParams-v0": Shipped(50, 45),
+    "Wind-v0": Shipped(None, 50),
 }
 
 
