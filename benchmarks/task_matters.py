@@ -5,8 +5,9 @@
 Trains SAC with the settings of `zoo_configs/` on the training tasks, once told the task (the oracle) and once not (the
 Markov agent), and tests both on the test tasks. The floor is what standing still or acting at random earns, whichever
 is more. Where the Markov agent earns 90 % of what the oracle earns above the floor, the family hides nothing that is
-worth knowing, and does not serve to compare agents. A run that is already in the JSON file of ``--out`` is not made
-again.
+worth knowing, and does not serve to compare agents. An oracle that leads the floor by less than a tenth of what is
+earned has learned nothing, and tells nothing of its family. A run that is already in the JSON file of ``--out`` is not
+made again.
 """
 
 from __future__ import annotations
@@ -101,9 +102,12 @@ def table(rows: dict[str, dict[str, Row]]) -> list[str]:
             continue
         returns = [float(np.mean([row["return"] for row in by_seed])) for by_seed in of_agents]
         least, (markov, oracle) = max(returns[:2]), returns[2:]
-        share = (markov - least) / (oracle - least) if oracle > least else np.nan
-        verdict = "the oracle has learned nothing" if np.isnan(share) else "hides nothing" if share >= 0.9 else ""
-        cells = [env_id, *(f"{value:.1f}" for value in returns), f"{share:.2f}", verdict]
+        has_learned = oracle - least > 0.1 * max(abs(oracle), abs(least))
+        share = f"{(markov - least) / (oracle - least):.2f}" if has_learned else ""
+        verdict = "" if has_learned else "the oracle has learned nothing"
+        if has_learned and markov - least >= 0.9 * (oracle - least):
+            verdict = "hides nothing"
+        cells = [env_id, *(f"{value:.1f}" for value in returns), share, verdict]
         lines.append(f"| {' | '.join(cells)} |")
     return lines
 

@@ -100,6 +100,25 @@ def test_task_matters_compares_an_agent_that_is_told_with_one_that_is_not(run, t
     assert "| PointDir-v0 | 0.0 | " in (tmp_path / "task_matters.md").read_text()
 
 
+@pytest.mark.parametrize(
+    ("still", "markov", "oracle", "told"),
+    [
+        (0, 3, 28, "| 0.11 |  |"),
+        (-47, -53, -2, "| -0.13 |  |"),
+        (0, 660, 630, "| 1.05 | hides nothing |"),
+        (202, 204, 203, "|  | the oracle has learned nothing |"),
+        (202, 150, 100, "|  | the oracle has learned nothing |"),
+    ],
+)
+def test_task_matters_says_nothing_of_a_task_that_no_agent_has_learned(monkeypatch, still, markov, oracle, told):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    import task_matters
+
+    returns = {"standing still": still, "at random": -60, "markov": markov, "oracle": oracle}
+    rows = {f"X-v0 / {agent}": {"1": {"return": earned}} for agent, earned in returns.items()}
+    assert task_matters.table(rows)[-1].endswith(told)
+
+
 def test_speed_is_measured_in_other_processes_and_beside_a_limit(monkeypatch):
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     from speed_sections.limit import matrix_products

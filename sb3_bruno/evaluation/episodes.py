@@ -154,8 +154,15 @@ def _with_final_observations(observations: NDArray[Any], infos: Sequence[Mapping
     replaced = observations.copy()
     for observation, info in zip(replaced, infos, strict=True):
         for key in ("terminal_observation", "trial_final_observation"):  # SB3's name, and a trial's
-            if key in info:
-                observation[...] = _own_part(info[key])
+            if key not in info:
+                continue
+            final = _own_part(info[key])
+            if final.shape != observation.shape:
+                raise ValueError(
+                    f"make_env's environment shows observations of shape {observation.shape}, and where an episode "
+                    f"ends info[{key!r}] has shape {final.shape}: put wrappers of observations inside the Trial."
+                )
+            observation[...] = final
     return replaced
 
 

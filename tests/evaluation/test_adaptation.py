@@ -13,6 +13,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.spaces import Box
+from gymnasium.wrappers import FrameStackObservation
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
@@ -145,6 +146,36 @@ def test_each_episode_of_a_trial_has_its_return() -> None:
     assert returns.shape == (1, 2, 4)
     np.testing.assert_array_equal(returns[..., 0], 0.0)
     assert (returns[..., 1:] > 14.0).all()
+
+
+def test_the_oracle_of_a_trial_is_evaluated() -> None:
+    class Oracle:
+        """Moves up to the goal that it is told, and stays there."""
+
+        def predict(
+            self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+        ) -> tuple[NDArray[Any], None]:
+            return np.clip((observation[:, -2:] - observation[:, :2]) / 0.15, -1.0, 1.0), None
+
+    make_env = partial(gym.make, "sb3_bruno_envs:SparsePointGoal-v0", observe="task")
+    result = evaluate_adaptation(Oracle(), make_env, [[0.0, 1.0], [1.0, 0.0]], n_episodes=1)
+    assert (result.returns_per_episode(3) > 14.0).all()
+
+
+def test_what_a_wrapper_around_a_trial_has_not_seen_is_told() -> None:
+    class Still:
+        """Stands still."""
+
+        def predict(
+            self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = False
+        ) -> tuple[NDArray[Any], None]:
+            return np.zeros((len(observation), 2)), None
+
+    def make_env() -> gym.Env[Any, Any]:
+        return FrameStackObservation(gym.make("sb3_bruno_envs:SparsePointGoal-v0", observe="plain"), 2)
+
+    with pytest.raises(ValueError, match=r"shape \(2, 2\), and where .* has shape \(2,\): put wrappers .* inside"):
+        evaluate_adaptation(Still(), make_env, [[0.0, 1.0]], n_episodes=1)
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,12 @@ from typing import Any, SupportsFloat
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.spaces import Box, Dict, flatdim, flatten, flatten_space
+from gymnasium.spaces import Box, Dict, Tuple, flatdim, flatten, flatten_space
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.arguments import check_env
+from sb3_bruno_envs.wrappers.trial import check_ends_are_shown
 
 
 class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
@@ -33,7 +34,8 @@ class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorAr
             MultiBinary, or a Dict or Tuple of these.
 
     Raises:
-        ValueError: if the observation is none of these or holds a uint8 image, or the action is no Box or not bounded.
+        ValueError: if the observation is none of these or holds a uint8 image, or the action is no Box or not bounded,
+            or an observation wrapper is around a Trial.
 
     Example:
         >>> env = TransitionObservation(gym.make("Pendulum-v1"))
@@ -43,6 +45,7 @@ class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorAr
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         check_env(env)
+        check_ends_are_shown(env)
         RecordConstructorArgs.__init__(self)
         super().__init__(env)
         actions = _bounded_actions(env.action_space)
@@ -104,11 +107,13 @@ class TaskObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         env: an environment with an observation that TransitionObservation takes, and a MetaTask beneath.
 
     Raises:
-        ValueError: if the observation is none of these, or no wrapper beneath has a ``task_space``.
+        ValueError: if the observation is none of these, no wrapper beneath has a ``task_space``, or an observation
+            wrapper is around a Trial.
     """
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         check_env(env)
+        check_ends_are_shown(env)
         RecordConstructorArgs.__init__(self)
         super().__init__(env)
         if not env.has_wrapper_attr("task_space"):
@@ -128,6 +133,9 @@ class TaskObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def step(self, action: Any) -> tuple[NDArray[np.float32], SupportsFloat, bool, bool, dict[str, Any]]:
         """Step the environment and show the task of this episode."""
         observation, reward, terminated, truncated, info = self.env.step(action)
+        if "trial_final_observation" in info:
+            final = self._with_task(info["trial_final_observation"], info)
+            info = {**info, "trial_final_observation": final}
         return self._with_task(observation, info), reward, terminated, truncated, info
 
     def _with_task(self, observation: Any, info: dict[str, Any]) -> NDArray[np.float32]:
@@ -143,6 +151,8 @@ def _vector_space(space: gym.Space[Any]) -> Box:
     for name, part in _parts(space, "observation_space"):
         if isinstance(part, Box) and part.dtype == np.uint8 and len(part.shape) > 1:
             raise ValueError(f"{name}={part} is an image: encode it as a float vector first.")
+        if isinstance(part, Dict | Tuple) and not part.spaces:
+            raise ValueError(f"{name}={part} holds nothing: leave it out.")
     if not space.is_np_flattenable or flatdim(space) == 0:
         raise ValueError(f"observation_space={space} has no fixed size: make it a Box, or a Dict of Boxes.")
     box: Any = space if isinstance(space, Box) else flatten_space(space)

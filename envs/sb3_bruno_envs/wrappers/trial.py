@@ -21,7 +21,7 @@ class Trial(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     that a reset began or that a step belongs to; the last step of an inner episode still belongs to it.
 
     Wrap MetaTask around the trial, so that all inner episodes share a task, and put the time limit of an inner episode
-    inside.
+    inside. Observation wrappers belong inside, too: around the trial they would not see where an inner episode ended.
 
     Args:
         env: an environment whose episodes end.
@@ -61,3 +61,17 @@ class Trial(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._episode_index += 1
         observation, _ = self.env.reset()
         return observation, reward, False, False, info
+
+
+def check_ends_are_shown(env: gym.Env[Any, Any]) -> None:
+    """Check that no observation wrapper is around a trial, whose inner ends it would leave as they were.
+
+    Raises:
+        ValueError: naming the wrapper.
+    """
+    around = None
+    while isinstance(env, gym.Wrapper):
+        if isinstance(env, Trial) and around is not None:
+            raise ValueError(f"{around} around a Trial does not see where inner episodes end: put it inside the Trial.")
+        around = type(env).__name__ if isinstance(env, gym.ObservationWrapper) else around
+        env = env.env

@@ -170,7 +170,8 @@ def test_other_spaces_are_flattened_as_gymnasium_does_it(space):
         (Dict({"eye": Dict({"left": Box(0, 255, (4, 4), dtype=np.uint8)})}), r"\['eye'\]\['left'\]=.* is an image"),
         (Sequence(Box(0, 1, (2,))), r"observation_space=.* has no fixed size"),
         (Dict({"found": Sequence(Discrete(2))}), r"observation_space=.* has no fixed size"),
-        (Dict({}), r"observation_space=.* has no fixed size"),
+        (Dict({}), r"observation_space=.* holds nothing"),
+        (Dict({"hand": Box(0, 1, (2,)), "eyes": Dict({"left": Tuple([])})}), r"\['eyes'\]\['left'\]=.* holds nothing"),
     ],
 )
 def test_observations_that_are_no_vector_are_refused(wrapper, space, named):

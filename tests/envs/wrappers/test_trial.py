@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
-from sb3_bruno_envs import MetaTask, PointDirEnv, TransitionObservation, Trial, check_meta_env
+from sb3_bruno_envs import MetaTask, PointDirEnv, TaskObservation, TransitionObservation, Trial, check_meta_env
 
 DIRECTIONS = [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]
 
@@ -156,6 +156,33 @@ def test_an_integer_of_numpy_is_one():
     env = Trial(Counter(2), np.int64(2))
     env.reset()
     assert [ended for _, _, ended, _, _ in run(env, 4)] == [False, False, False, True]
+
+
+@pytest.mark.parametrize("show", [TransitionObservation, TaskObservation])
+def test_an_observation_wrapper_belongs_inside(show):
+    short = gym.wrappers.TimeLimit(PointDirEnv(), 5)
+
+    def tenfold(env):
+        return gym.wrappers.TransformObservation(env, lambda seen: 10 * seen, env.observation_space)
+
+    show(MetaTask(Trial(tenfold(short), 3), PointDirEnv.set_task, DIRECTIONS))
+    for env in (
+        MetaTask(tenfold(Trial(short, 3)), PointDirEnv.set_task, DIRECTIONS),
+        tenfold(MetaTask(Trial(short, 3), PointDirEnv.set_task, DIRECTIONS)),
+    ):
+        with pytest.raises(ValueError, match=r"TransformObservation around a Trial .* put it inside the Trial"):
+            show(env)
+
+
+def test_the_oracle_is_shown_the_task_where_an_inner_episode_ends_too():
+    env = TaskObservation(
+        MetaTask(Trial(gym.wrappers.TimeLimit(PointDirEnv(), 5), 3), PointDirEnv.set_task, DIRECTIONS)
+    )
+    _, info = env.reset(seed=0)
+    finals = [env.step(np.zeros(2))[4].get("trial_final_observation") for _ in range(15)]
+    assert [step for step, final in enumerate(finals) if final is not None] == [4, 9]
+    assert all(env.observation_space.contains(finals[step]) for step in (4, 9))
+    np.testing.assert_array_equal([finals[step][-2:] for step in (4, 9)], [info["task"]] * 2)
 
 
 def test_a_task_drawn_inside_is_refused():
