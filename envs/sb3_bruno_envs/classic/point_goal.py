@@ -9,7 +9,8 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
-from sb3_bruno_envs.classic.point_mass import PointMassEnv, check_dim
+from sb3_bruno_envs.arguments import check_count
+from sb3_bruno_envs.classic.point_mass import PointMassEnv
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.naming import place_name
 from sb3_bruno_envs.tasks import TaskSet
@@ -30,7 +31,7 @@ class PointGoalEnv(PointMassEnv):
         render_mode: None, or ``"rgb_array"``; the goal is green.
 
     Raises:
-        ValueError: if ``dim`` is not positive, or ``render_mode`` is neither.
+        ValueError: if ``dim`` is no positive integer, or ``render_mode`` is neither.
     """
 
     def __init__(self, dim: int = 3, render_mode: str | None = None) -> None:
@@ -59,9 +60,9 @@ def point_goal_tasks(dim: int) -> TaskSet:
     """Return goals drawn uniformly from the cube [-1, 1]^dim: 100 to train, 20 others to test.
 
     Raises:
-        ValueError: if ``dim`` is not positive.
+        ValueError: if ``dim`` is no positive integer.
     """
-    check_dim(dim)
+    check_count("dim", dim)
     goals = np.random.RandomState(1337).uniform(-1.0, 1.0, (120, dim))
     cube = Box(-1.0, 1.0, (dim,))
     return TaskSet(goals[:100], goals[100:], space=cube, train_box=cube)

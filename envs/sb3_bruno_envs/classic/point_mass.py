@@ -10,17 +10,12 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
+from sb3_bruno_envs.arguments import check_count
 from sb3_bruno_envs.classic.painting import BLUE, GREEN, GREY, blank_image, paint
 
 _TOP_SPEED = 0.3  # along an axis, per step
 _RESPONSE = 0.5  # the share of the gap to the velocity asked for that closes in a step
 _PIXELS_PER_UNIT = 50.0  # shows 1.28 units around the origin
-
-
-def check_dim(dim: int) -> None:
-    """Raise a ValueError unless ``dim``, the dimension of a space, is positive."""
-    if dim < 1:
-        raise ValueError(f"dim={dim} is not positive: give the dimension of the space, such as 3.")
 
 
 class PointMassEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]], ABC):
@@ -35,13 +30,13 @@ class PointMassEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]], ABC):
             task (green) and the point (blue), drawn without a graphics library.
 
     Raises:
-        ValueError: if ``dim`` is not positive, or ``render_mode`` is neither.
+        ValueError: if ``dim`` is no positive integer, or ``render_mode`` is neither.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # as Gymnasium has it
 
     def __init__(self, dim: int, render_mode: str | None = None) -> None:
-        check_dim(dim)
+        check_count("dim", dim)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode={render_mode!r} is not supported: use None or 'rgb_array'.")
         self.dim = dim

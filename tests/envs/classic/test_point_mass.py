@@ -80,9 +80,12 @@ def test_bad_arguments_are_named(kwargs, named):
         PointGoalEnv(**kwargs)
 
 
-@pytest.mark.parametrize("dim", [0, -1])
+@pytest.mark.parametrize("dim", [0, -1, 2.0, "2", True, None])
 def test_a_family_of_no_dimension_is_refused_before_its_tasks_are_drawn(dim):
-    with pytest.raises(ValueError, match=f"dim={dim} is not positive"):
+    for make in (PointGoalEnv, point_goal_tasks):
+        with pytest.raises(ValueError, match=f"dim={dim!r} is not a positive integer: give"):
+            make(dim)
+    with pytest.raises(ValueError, match=f"dim={dim!r} is not a positive integer: give"):
         gym.make("sb3_bruno_envs:PointGoal-v0", dim=dim)
 
 
