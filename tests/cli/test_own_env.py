@@ -16,7 +16,7 @@ PACKAGE = """
 import gymnasium as gym
 from sb3_bruno_envs import MetaTask, PointDirEnv, TaskSet, TransitionObservation
 
-TASKS = TaskSet([[1.0, 0.0], [0.9, 0.1]], [[-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+TASKS = TaskSet([[1.0, 0.0], [0.8, 0.6]], [[-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 
 
 def hide(env):

@@ -156,10 +156,10 @@ def test_an_env_of_endless_tasks_can_be_opened(run, tmp_path, monkeypatch):
     (tmp_path / "endless_envs.py").write_text(
         "import gymnasium as gym, numpy as np\n"
         "from gymnasium.spaces import Box\n"
-        "from sb3_bruno_envs import MetaTask, PointDirEnv, TaskSampler, TransitionObservation\n"
+        "from sb3_bruno_envs import MetaTask, WindEnv, TaskSampler, TransitionObservation\n"
         "TASKS = TaskSampler(lambda rng: rng.uniform(-1.0, 1.0, 2), Box(-1.0, 1.0, (2,)))\n"
         "def make(render_mode=None):\n"
-        "    env = MetaTask(PointDirEnv(render_mode), PointDirEnv.set_task, TASKS)\n"
+        "    env = MetaTask(WindEnv(render_mode), WindEnv.set_task, TASKS)\n"
         "    return TransitionObservation(env)\n"
         "gym.register('Endless-v0', make, max_episode_steps=10)\n"
     )

@@ -15,11 +15,14 @@ def meta_point(**kwargs):
     return MetaTask(PointDirEnv(), PointDirEnv.set_task, DIRECTIONS, **kwargs)
 
 
+def draw_direction(rng):
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    return [np.cos(angle), np.sin(angle)]
+
+
 def endless():
     plane = Box(-1.0, 1.0, (2,))
-    return TransitionObservation(
-        MetaTask(PointDirEnv(), PointDirEnv.set_task, lambda rng: rng.random(2), task_space=plane)
-    )
+    return TransitionObservation(MetaTask(PointDirEnv(), PointDirEnv.set_task, draw_direction, task_space=plane))
 
 
 def good():

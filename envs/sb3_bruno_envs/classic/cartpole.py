@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.classic.painting import BLUE, GREEN, GREY, blank_image, paint
 from sb3_bruno_envs.family import Family
+from sb3_bruno_envs.task_numbers import read_numbers
 from sb3_bruno_envs.tasks import TaskSet
 
 _DT = 0.01  # s
@@ -72,12 +73,10 @@ class CartpoleSwingUpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Set the cart's mass and the pole's length from a task ``(2,)``, in kg and m.
 
         Raises:
-            ValueError: if mass or length is not positive.
+            ValueError: if mass or length is not finite or not above 0, or there are not two numbers.
         """
-        mass, length = np.asarray(task, dtype=np.float64).tolist()
-        if mass <= 0.0 or length <= 0.0:
-            raise ValueError(f"task={task!r} has no positive mass and length: give (kg, m), both above 0.")
-        self.mass, self.length = mass, length
+        what = "the cart's mass in kg and the pole's length in m"
+        self.mass, self.length = read_numbers(task, 2, what, n_positive=2).tolist()
 
     task_entries = (("cart", "kg"), ("pole", "m"))
 

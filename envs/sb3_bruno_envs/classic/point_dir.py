@@ -12,6 +12,7 @@ from sb3_bruno_envs.classic.painting import arrow
 from sb3_bruno_envs.classic.point import PointEnv
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.naming import direction_name
+from sb3_bruno_envs.task_numbers import read_direction
 from sb3_bruno_envs.tasks import TaskSet
 
 _ACTION_COST = 0.05
@@ -39,8 +40,12 @@ class PointDirEnv(PointEnv):
         self.direction = np.array([1.0, 0.0])
 
     def set_task(self, task: ArrayLike) -> None:
-        """Set the direction from a task ``(2,)``, a unit vector."""
-        self.direction = np.array(task, dtype=np.float64)
+        """Set the direction from a task ``(2,)``, a unit vector.
+
+        Raises:
+            ValueError: if it is none.
+        """
+        self.direction = read_direction(task)
 
     task_entries = (("x", ""), ("y", ""))
 

@@ -13,6 +13,7 @@ from sb3_bruno_envs.arguments import check_count
 from sb3_bruno_envs.classic.point_mass import PointMassEnv
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.naming import place_name
+from sb3_bruno_envs.task_numbers import read_numbers
 from sb3_bruno_envs.tasks import TaskSet
 
 
@@ -39,8 +40,12 @@ class PointGoalEnv(PointMassEnv):
         self.goal = np.zeros(dim)
 
     def set_task(self, task: ArrayLike) -> None:
-        """Set the goal from a task ``(dim,)``, its position."""
-        self.goal = np.array(task, dtype=np.float64)
+        """Set the goal from a task ``(dim,)``, its position.
+
+        Raises:
+            ValueError: if it is not ``dim`` finite numbers.
+        """
+        self.goal = read_numbers(task, self.dim, "the position of the goal")
 
     task_entries = (("goal x", ""), ("goal y", ""), ("goal z", ""))
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sb3_bruno_envs.classic.point_mass import PointMassEnv
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.naming import direction_name
+from sb3_bruno_envs.task_numbers import read_direction
 from sb3_bruno_envs.tasks import TaskSet
 
 
@@ -30,8 +31,12 @@ class PointRotationEnv(PointMassEnv):
         self.cos, self.sin = 1.0, 0.0
 
     def set_task(self, task: ArrayLike) -> None:
-        """Set the angle from a task ``(2,)``, its cosine and sine."""
-        self.cos, self.sin = np.array(task, dtype=np.float64)
+        """Set the angle from a task ``(2,)``, its cosine and sine.
+
+        Raises:
+            ValueError: if these are of no angle.
+        """
+        self.cos, self.sin = read_direction(task)
 
     task_entries = (("cosine", ""), ("sine", ""))
 

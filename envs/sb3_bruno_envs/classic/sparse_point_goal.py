@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sb3_bruno_envs.classic.point import PointEnv
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.naming import direction_name
+from sb3_bruno_envs.task_numbers import read_numbers
 from sb3_bruno_envs.tasks import TaskSet
 
 EPISODE_STEPS = 20  # just enough to sweep the half circle of goals once
@@ -45,8 +46,12 @@ class SparsePointGoalEnv(PointEnv):
         self.goal = np.array([0.0, 1.0])
 
     def set_task(self, task: ArrayLike) -> None:
-        """Set the goal from a task ``(2,)``, its position."""
-        self.goal = np.array(task, dtype=np.float64)
+        """Set the goal from a task ``(2,)``, its position.
+
+        Raises:
+            ValueError: if it is not two finite numbers.
+        """
+        self.goal = read_numbers(task, 2, "x and y of the goal")
 
     task_entries = (("goal x", ""), ("goal y", ""))
 

@@ -12,6 +12,7 @@ from sb3_bruno_envs.classic.painting import arrow
 from sb3_bruno_envs.classic.point import PointEnv
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.naming import place_name
+from sb3_bruno_envs.task_numbers import read_numbers
 from sb3_bruno_envs.tasks import TaskSet
 
 GOAL = np.array([0.0, 1.0])
@@ -44,8 +45,12 @@ class WindEnv(PointEnv):
         self.wind = np.zeros(2)
 
     def set_task(self, task: ArrayLike) -> None:
-        """Set the wind from a task ``(2,)``, how far it blows the point per step."""
-        self.wind = np.array(task, dtype=np.float64)
+        """Set the wind from a task ``(2,)``, how far it blows the point per step.
+
+        Raises:
+            ValueError: if it is not two finite numbers.
+        """
+        self.wind = read_numbers(task, 2, "x and y of the wind per step")
 
     task_entries = (("wind x", ""), ("wind y", ""))
 

@@ -15,6 +15,7 @@ from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.mujoco.ant import MetaAntEnv
 from sb3_bruno_envs.mujoco.hidden_direction import unit_vectors
 from sb3_bruno_envs.naming import place_name
+from sb3_bruno_envs.task_numbers import read_numbers
 from sb3_bruno_envs.tasks import TaskSet
 
 
@@ -43,9 +44,12 @@ class AntGoalEnv(MetaAntEnv):
         )
 
     def set_task(self, task: ArrayLike) -> None:
-        """Set the goal from a task ``(2,)``, its x and y in m."""
-        x, y = np.array(task, dtype=np.float64)
-        self.goal = np.array([x, y])
+        """Set the goal from a task ``(2,)``, its x and y in m.
+
+        Raises:
+            ValueError: if it is not two finite numbers.
+        """
+        self.goal = read_numbers(task, 2, "x and y of the goal in m")
 
     task_entries = (("goal x", "m"), ("goal y", "m"))
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.mujoco.half_cheetah import MetaHalfCheetahEnv
+from sb3_bruno_envs.task_numbers import read_numbers
 from sb3_bruno_envs.tasks import TaskSet
 
 EARTH = 9.81  # m/s^2, the gravity of HalfCheetah-v5
@@ -36,10 +37,8 @@ class CheetahGravityEnv(MetaHalfCheetahEnv):
         Raises:
             ValueError: if it is not one finite number above 0.
         """
-        gravity = np.array(task, dtype=np.float32)
-        if gravity.shape != (1,) or not np.isfinite(gravity[0]) or gravity[0] <= 0.0:
-            raise ValueError(f"task={task!r} is invalid: give one finite gravity above 0, in m/s^2, such as [9.81].")
-        factor = gravity[0] / np.float32(EARTH)  # in the precision of tasks, so that it is 1 for Earth's
+        (gravity,) = read_numbers(task, 1, "the gravity in m/s^2", n_positive=1).astype(np.float32)
+        factor = gravity / np.float32(EARTH)  # in the precision of tasks, so that it is 1 for Earth's
         self.model.opt.gravity[:] = float(factor) * self.original_model.opt.gravity
 
     task_entries = (("gravity", "m/s^2"),)

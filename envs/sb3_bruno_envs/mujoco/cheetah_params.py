@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.mujoco.half_cheetah import MetaHalfCheetahEnv
 from sb3_bruno_envs.mujoco.physics import scale_physics
+from sb3_bruno_envs.task_numbers import read_numbers
 from sb3_bruno_envs.tasks import TaskSet
 
 
@@ -39,11 +40,8 @@ class CheetahParamsEnv(MetaHalfCheetahEnv):
         Raises:
             ValueError: if mass, damping or friction is not positive, a factor is not finite, or there are not four.
         """
-        factors = np.array(task, dtype=np.float64)
-        if factors.shape != (4,) or not (factors[:3] > 0.0).all() or not np.isfinite(factors).all():
-            raise ValueError(f"task={task!r} is invalid: give four finite factors, the first three above 0.")
-        self.factors = factors
-        mass, damping, friction, strength = factors
+        self.factors = read_numbers(task, 4, "factors of mass, damping, friction and strength", n_positive=3)
+        mass, damping, friction, strength = self.factors
         scale_physics(self, mass=mass, damping=damping, friction=friction, gear=strength)
 
     task_entries = (("mass", ""), ("damping", ""), ("friction", ""), ("strength", ""))

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.mujoco.exact_state import ExactState
+from sb3_bruno_envs.task_numbers import read_numbers, read_one_hot
 from sb3_bruno_envs.tasks import TaskSet
 
 
@@ -49,9 +50,12 @@ class CheetahDirEnv(MetaHalfCheetahEnv):
     direction = 1.0  # +1 forward, -1 backward
 
     def set_task(self, task: ArrayLike) -> None:
-        """Set the direction from a one-hot task ``(2,)``: ``[1, 0]`` backward, ``[0, 1]`` forward."""
-        backward, forward = np.asarray(task, dtype=np.float64).tolist()
-        self.direction = forward - backward
+        """Set the direction from a one-hot task ``(2,)``: ``[1, 0]`` backward, ``[0, 1]`` forward.
+
+        Raises:
+            ValueError: if it is neither.
+        """
+        self.direction = (-1.0, 1.0)[read_one_hot(task, 2)]
 
     task_entries = (("backward", ""), ("forward", ""))
 
@@ -72,8 +76,12 @@ class CheetahVelEnv(MetaHalfCheetahEnv):
     velocity = 1.0  # m/s
 
     def set_task(self, task: ArrayLike) -> None:
-        """Set the target velocity from a task ``(1,)``, in m/s."""
-        (self.velocity,) = np.asarray(task, dtype=np.float64).tolist()
+        """Set the target velocity from a task ``(1,)``, in m/s.
+
+        Raises:
+            ValueError: if it is not one finite number.
+        """
+        (self.velocity,) = read_numbers(task, 1, "the velocity in m/s").tolist()
 
     task_entries = (("velocity", "m/s"),)
 

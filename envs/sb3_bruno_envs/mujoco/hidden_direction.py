@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.mujoco.exact_state import ExactState
 from sb3_bruno_envs.naming import direction_name
+from sb3_bruno_envs.task_numbers import read_direction
 from sb3_bruno_envs.tasks import TaskSet
 
 
@@ -35,10 +36,7 @@ class HiddenDirection(ExactState):
         Raises:
             ValueError: if it is none.
         """
-        direction = np.array(task, dtype=np.float64)
-        if direction.shape != (2,) or not abs(np.linalg.norm(direction) - 1.0) < 1e-3:
-            raise ValueError(f"task={task!r} is no direction: give two numbers of length 1, such as [0.6, 0.8].")
-        self.direction = direction
+        self.direction = read_direction(task)
 
     task_entries = (("x", ""), ("y", ""))
 

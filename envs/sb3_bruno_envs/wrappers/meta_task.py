@@ -181,15 +181,12 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         if seed is not None:
             self._restart_drawing(seed)
         self._task = self._next_task() if given is None else given
-        self._task_index = self._index_of(self._task)
-        self._task_name = self.name_of(self._task)
-        if self._draw == "fixed":
-            self._kept = self._task
         if self._when == "before_reset":
             self._apply()
         observation, info = self.env.reset(seed=seed, options=options or None)
         if self._when == "after_reset":
             observation = self._apply_late(observation)
+        self._accept(self._task)
         return observation, self._with_task(info)
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -215,18 +212,21 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             ResetNeeded: before the first reset.
             ValueError: if the task is outside ``task_space``, or the environment refuses it; the task then stays.
         """
-        before, switched = self.task, check_task(task, self.task_space, "task")
-        name, self._task = self.name_of(switched), switched
+        before, self._task = self.task, check_task(task, self.task_space, "task")
         try:
             self._apply()
+            self._accept(self._task)
         except Exception:
             self._task = before
             self._apply()
             raise
-        self._task_name, self._task_index = name, self._index_of(switched)
-        if self._draw == "fixed":
-            self._kept = switched
         return self._with_task({})
+
+    def _accept(self, task: Task) -> None:
+        """Name a task that the environment has taken, find its row, and keep it if it is to come again."""
+        self._task_name, self._task_index = self.name_of(task), self._index_of(task)
+        if self._draw == "fixed":
+            self._kept = task
 
     def _apply(self) -> Any:
         """Apply the task; return what ``apply_task`` returned."""
