@@ -197,13 +197,16 @@ def plot(arguments: list[str]) -> None:
     options = parser.parse_args(arguments)
     check_installed("matplotlib")
 
+    from huggingface_sb3 import EnvironmentName
+
     from sb3_bruno.evaluation.eval_callback import load_learning_curve
     from sb3_bruno.plotting.curves import plot_learning_curves
     from sb3_bruno.plotting.names import method_name
 
     curves = {}
+    _, _, env = options.env.rpartition(":")  # as in my_package:My-v0
     for algo in options.algo:
-        runs = sorted((options.exp_folder / algo).glob(f"{options.env}_*"))
+        runs = sorted((options.exp_folder / algo).glob(f"{EnvironmentName(env)}_*"))
         with told_as_mistake():
             curves[algo] = [load_learning_curve(run) for run in runs if (run / "evaluation_tasks.npz").is_file()]
         if not curves[algo]:
