@@ -22,6 +22,15 @@ def test_python_blocks_run_in_order(name, needs, tmp_path, monkeypatch):
     exec(compile(CODE[name, needs], name, "exec"), {"__name__": "__main__"})
 
 
+def test_the_target_in_panda_gyms_picture_is_the_task():
+    pytest.importorskip("panda_gym")
+    recipe = {"__name__": "__main__"}
+    exec(compile(CODE["other-envs.md", "panda_gym"], "other-envs.md", "exec"), recipe)
+    env = recipe["hide_goal"](recipe["panda"], [[0.1, 0.05, 0.2]], set_goal=recipe["set_goal"])
+    env.reset(seed=0)
+    assert env.unwrapped.sim.get_base_position("target") == pytest.approx([0.1, 0.05, 0.2])
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_links_and_pictures_exist(name):
     folder = ROOT if name == "README.md" else ROOT / "docs"

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, SupportsFloat, TypeAlias
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.spaces import Dict, flatten, unflatten
+from gymnasium.spaces import Box, Dict, flatdim, flatten, unflatten
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import ArrayLike
 
 from sb3_bruno_envs.arguments import check_count, check_env, check_function
-from sb3_bruno_envs.tasks import Split, Task, TaskDistribution, TaskSet
+from sb3_bruno_envs.naming import place_name
+from sb3_bruno_envs.tasks import Split, Task, TaskDistribution, TaskSet, as_task_distribution
 from sb3_bruno_envs.wrappers.meta_task import Draw, MetaTask
 
 SetGoal: TypeAlias = Callable[[Any, Any], object]
 
 _FIRST_TEST_SEED = 1_000_000
+_ENTRIES = (("goal x", ""), ("goal y", ""), ("goal z", ""))
+_MOST_NUMBERS = 8  # of a goal that is named by them; a name of more would fill a line
 
 
 def hide_goal(
@@ -27,11 +30,14 @@ def hide_goal(
     set_goal: SetGoal | None = None,
     split: Split = "train",
     draw: Draw = "random",
+    name_task: Callable[[Task], str] | None = None,
+    task_entries: Sequence[tuple[str, str]] | None = None,
 ) -> MetaTask:
     """Hide the goal of an environment with a goal, and make it the task.
 
     Such an environment observes a Dict with ``desired_goal``, as gymnasium-robotics' do. All other entries stay in the
-    observation. The environment computes reward, success and end as ever, from the task's goal.
+    observation. The environment computes reward, success and end as ever, from the task's goal. An ``info["success"]``,
+    which gymnasium-robotics' mazes write, becomes ``info["is_success"]``, the name that logs and tables read.
 
     Args:
         env: the environment, with its time limit. For several episodes of one goal, a ``Trial`` of it.
@@ -41,17 +47,38 @@ def hide_goal(
             ``desired_goal``; None writes it into the attribute ``goal``.
         split: ``"train"`` or ``"test"``.
         draw: ``"random"``, ``"cycle"`` or ``"fixed"``, as in MetaTask.
+        name_task: what people call a goal, as in MetaTask; None for such as ``"goal (0.5, 1)"``, if a goal is a vector
+            of at most eight numbers.
+        task_entries: name and unit of each number of a goal, as in MetaTask; None for ``goal x``, ``goal y`` and
+            ``goal z``, if a goal is a vector of at most three numbers.
 
     Raises:
-        ValueError: if the environment shows no goal or has too few different ones, or MetaTask refuses an argument.
-            A reset raises one if there is neither ``set_goal`` nor an attribute ``goal``.
+        ValueError: if the environment shows no goal or has too few different ones, ``tasks`` are not of a goal's size,
+            or MetaTask refuses an argument. A reset raises one if there is neither ``set_goal`` nor an attribute
+            ``goal``.
 
     Example:
         >>> env = TransitionObservation(hide_goal(gym.make("FetchReachDense-v4"), split="test"))
     """
     hidden = HiddenGoal(env, set_goal)
-    drawn = goal_tasks(env) if tasks is None else tasks
-    return MetaTask(hidden, HiddenGoal.set_task, drawn, split=split, draw=draw, when="after_reset", unwrap=False)
+    distribution = as_task_distribution(goal_tasks(env) if tasks is None else tasks)
+    space = _goal_space(env)
+    _check_size(distribution, space)
+    if isinstance(space, Box) and len(space.shape) == 1:
+        (dim,) = space.shape
+        name_task = _name_goal if name_task is None and dim <= _MOST_NUMBERS else name_task
+        task_entries = _ENTRIES[:dim] if task_entries is None and dim <= len(_ENTRIES) else task_entries
+    return MetaTask(
+        hidden,
+        HiddenGoal.set_task,
+        distribution,
+        split=split,
+        draw=draw,
+        when="after_reset",
+        unwrap=False,
+        name_task=name_task,
+        task_entries=task_entries,
+    )
 
 
 def goal_tasks(env: gym.Env[Any, Any], n_train: int = 100, n_test: int = 20) -> TaskSet:
@@ -93,7 +120,8 @@ def goal_tasks(env: gym.Env[Any, Any], n_train: int = 100, n_test: int = 20) -> 
 class HiddenGoal(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """Leaves ``desired_goal`` out of the observation, and writes a given goal into the environment.
 
-    A goal counts until the next reset. A step raises a ValueError if the environment has another goal by then.
+    A goal counts until the next reset. A step raises a ValueError if the environment has another goal by then. It says
+    ``info["is_success"]`` where the environment says ``info["success"]`` alone.
 
     Args:
         env: an environment that observes a Dict with ``desired_goal``.
@@ -140,6 +168,8 @@ class HiddenGoal(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             info = {**info, "trial_final_observation": _without_goal(info["trial_final_observation"])}
         else:
             self._check_goal(flatten(self._goal_space, observation["desired_goal"]))
+        if "success" in info:
+            info = {"is_success": info["success"], **info}  # what the environment itself calls is_success stays
         return _without_goal(observation), reward, terminated, truncated, info
 
     def _check_goal(self, goal: Any) -> None:
@@ -168,6 +198,20 @@ def _goal_space(env: gym.Env[Any, Any]) -> gym.Space[Any]:
     if not goals.is_np_flattenable:
         raise ValueError(f"observation_space['desired_goal']={goals} has no fixed size: set the task by MetaTask.")
     return goals
+
+
+def _check_size(tasks: TaskDistribution, goals: gym.Space[Any]) -> None:
+    """Raise a ValueError if tasks have another number of numbers than flat goals."""
+    (dim,), goal_dim = tasks.space.shape, flatdim(goals)
+    if dim != goal_dim:
+        raise ValueError(
+            f"tasks={tasks} hold {dim} numbers each, and observation_space['desired_goal']={goals} holds {goal_dim}: "
+            f"give goals, flat, (n, {goal_dim})."
+        )
+
+
+def _name_goal(goal: Task) -> str:
+    return f"goal {place_name(goal)}"
 
 
 def _without_goal(observation: dict[str, Any]) -> dict[str, Any]:

@@ -6,11 +6,12 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.spaces import Box, Dict, Discrete
+from gymnasium.spaces import Box, Dict, Discrete, flatdim
 
 from sb3_bruno_envs import (
     MetaTask,
     TaskObservation,
+    TaskSampler,
     TaskSet,
     TransitionObservation,
     Trial,
@@ -202,12 +203,84 @@ def test_a_copy_goes_on_with_the_goal():
     assert isinstance(copy, MetaTask) and copy.step(np.ones(2))[1] == env.step(np.ones(2))[1]
 
 
+class Spaced(Reach):
+    """Shows a goal of zeros, in a given space."""
+
+    def __init__(self, space):
+        super().__init__()
+        self.observation_space = Dict(observation=Box(-20.0, 20.0, (2,)), desired_goal=space)
+
+
+def box(*shape):
+    return Box(-2.0, 2.0, shape, np.float64)
+
+
+@pytest.mark.parametrize(
+    ("space", "name"),
+    [
+        (box(1), "goal (0.5)"),
+        (box(3), "goal (0.5, 0.5, 0.5)"),
+        (box(8), f"goal ({', '.join(['0.5'] * 8)})"),
+        (box(9), None),
+        (box(2, 2), None),
+        (Dict(to=box(2)), None),
+    ],
+)
+def test_goals_that_are_short_vectors_have_names_and_those_in_space_entries(space, name):
+    dim = flatdim(space)
+    env = hide_goal(Spaced(space), np.full((1, dim), 0.5))
+    assert env.name_of(np.full(dim, 0.5, np.float32)) == name
+    entries = (("goal x", ""), ("goal y", ""), ("goal z", ""))[:dim] if space.shape and len(space.shape) == 1 else None
+    assert env.task_entries == (entries if dim <= 3 else None)
+
+
+def test_goals_get_names_and_entries_of_ones_own():
+    entries = (("east", "m"), ("north", "m"))
+    env = hide_goal(reach(), [[0.5, 1.0]], name_task=lambda goal: f"{goal[0]:g} east", task_entries=entries)
+    assert env.task_entries == entries and env.reset(seed=0)[1]["task_name"] == "0.5 east"
+    assert hide_goal(reach(), [[0.5, 1.0]]).reset(seed=0)[1]["task_name"] == "goal (0.5, 1)"
+
+
+@pytest.mark.parametrize(
+    "tasks", [[[1.0]], TaskSet([[1.0, 2.0, 3.0]]), TaskSampler(lambda rng: [0.0], Box(-1, 1, (1,)))]
+)
+def test_tasks_of_another_size_than_goals_are_refused_at_once(tasks):
+    with pytest.raises(ValueError, match=r"tasks=.* hold [13] numbers each, .*desired_goal.* holds 2: give .*\(n, 2\)"):
+        hide_goal(reach(), tasks)
+
+
+@pytest.mark.parametrize(
+    ("told", "is_success"),
+    [
+        ({"success": True}, True),
+        ({"success": 0.0}, 0.0),
+        ({"success": True, "is_success": False}, False),
+        ({"is_success": True}, True),
+        ({}, None),
+    ],
+)
+def test_a_success_under_another_name_counts(told, is_success):
+    class Telling(Reach):
+        def step(self, action):
+            return *super().step(action)[:4], told
+
+    for env in (Telling(), Trial(gym.wrappers.TimeLimit(Telling(), 1), 2)):
+        env = TransitionObservation(hide_goal(env, [[0.5, 0.5]]))
+        env.reset(seed=0)
+        for _ in range(2 if isinstance(env.env.env.env, Trial) else 1):
+            assert env.step(np.ones(2))[4].get("is_success") == is_success
+
+
 @pytest.mark.mujoco
-@pytest.mark.parametrize("env_id", ["FetchReachDense-v4", "FetchPush-v4", "PointMaze_UMaze-v3", "AntMaze_UMaze-v5"])
+@pytest.mark.parametrize(
+    "env_id", ["FetchReachDense-v4", "FetchPush-v4", "PointMaze_UMazeDense-v3", "AntMaze_UMaze-v5"]
+)
 def test_the_goals_of_gymnasium_robotics(env_id):
     gym.register_envs(pytest.importorskip("gymnasium_robotics"))
     tasks = goal_tasks(gym.make(env_id), 10, 5)
     env = hide_goal(gym.make(env_id), tasks)
+    names = [env.name_of(task) for task in tasks.tasks("train")]
+    assert len(set(names)) == 10 and len(env.task_entries) == tasks.space.shape[0]
     if env_id != "AntMaze_UMaze-v5":  # where random actions reach nothing for long
         check_meta_env(TransitionObservation(env))
     _, info = env.reset(seed=0, options={"task": tasks.tasks("test")[0]})
@@ -217,6 +290,7 @@ def test_the_goals_of_gymnasium_robotics(env_id):
         np.testing.assert_allclose(model.model.site_pos[place][:2], info["task"])
     observation, reward, *_, info = env.step(env.action_space.sample())
     assert reward == env.unwrapped.compute_reward(observation["achieved_goal"], np.float64(info["task"]), info)
+    assert info["is_success"] in (0.0, 1.0)
 
 
 @pytest.mark.mujoco
