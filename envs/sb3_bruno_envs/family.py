@@ -26,8 +26,9 @@ class Family:
 
     Args:
         env_class: a Gymnasium environment with a method ``set_task(task)``, which is called before every reset. It may
-            have a static method ``name_task(task)``, which says what people call a task, and ``task_entries``, which
-            say what its numbers are (see MetaTask): the first of them if tasks are shorter, none if they are longer.
+            have a static or class method ``name_task(task)``, which says what people call a task, and ``task_entries``,
+            which say what its numbers are (see MetaTask): the first of them if tasks are shorter, none if they are
+            longer.
         tasks: the family's own tasks: a TaskSet, a TaskSampler or an array-like ``(n, dim)``.
         task_sets: other sets of tasks by name, for ``gym.make(id, tasks=name)``. A set named ``"beyond"`` has the
             family's own training tasks, and test tasks outside their range. A published set is named after its paper.

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sb3_bruno_envs.mujoco.body_parts import BodyParts
 from sb3_bruno_envs.mujoco.exact_state import ExactState
 from sb3_bruno_envs.mujoco.physics import scale_physics
 
@@ -36,6 +36,8 @@ class HiddenBody(ExactState):
 
     feet: ClassVar[tuple[str, ...]]
     """The names of the geoms that touch the floor."""
+    parts: ClassVar[BodyParts]
+    """What people call bodies, joints and feet, in the model's order."""
 
     def __init__(self, *, frame_skip: int = 8, published: bool = False, **kwargs: Any) -> None:
         self.published = published
@@ -49,6 +51,11 @@ class HiddenBody(ExactState):
         """
         write = self._write_every_entry if self.published else self._write_body
         write(np.array(task, dtype=np.float64))
+
+    @classmethod
+    def name_task(cls, task: ArrayLike) -> str:
+        """Return the factors that are farthest from 1."""
+        return cls.parts.name(task)
 
     def _write_body(self, task: NDArray[np.float64]) -> None:
         model = self.original_model
@@ -76,9 +83,3 @@ def _factors(task: NDArray[np.float64], *counts: int) -> list[NDArray[np.float64
     if task.shape != (sum(counts),) or not np.isfinite(task).all():
         raise ValueError(f"task={task!r} is invalid: give {sum(counts)} finite log factors, 0 for the original.")
     return np.split(np.exp(task), np.cumsum(counts)[:-1])
-
-
-def entries_of(masses: Sequence[str], dampings: Sequence[str], frictions: Sequence[str]) -> tuple[tuple[str, str], ...]:
-    """Say what the numbers of a task are, given the names of bodies, joints and feet: name and unit of each."""
-    kinds = {"mass": masses, "damping": dampings, "friction": frictions}
-    return tuple((f"log {kind} of {part}", "") for kind, parts in kinds.items() for part in parts)

@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 from gymnasium.envs.mujoco.hopper_v5 import HopperEnv
 
+from sb3_bruno_envs.mujoco.body_parts import BodyParts
 from sb3_bruno_envs.mujoco.body_tasks import DAMPING, FRICTION, MASS, BodyFamily, beyond, body_tasks, mass_gap
-from sb3_bruno_envs.mujoco.hidden_body import HiddenBody, entries_of
+from sb3_bruno_envs.mujoco.hidden_body import HiddenBody
 
 
 class HopperParamsEnv(HiddenBody, HopperEnv):
@@ -25,7 +26,8 @@ class HopperParamsEnv(HiddenBody, HopperEnv):
     """
 
     feet = ("foot_geom",)
-    task_entries = entries_of(["torso", "thigh", "leg", "foot"], ["thigh", "leg", "foot"], ["foot"])
+    parts = BodyParts(["torso", "thigh", "leg", "foot"], ["thigh", "leg", "foot"], ["foot"])
+    task_entries = parts.entries()
 
 
 _UNIT = np.repeat([MASS, DAMPING, FRICTION], [4, 3, 1])

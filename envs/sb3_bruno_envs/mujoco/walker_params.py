@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 from gymnasium.envs.mujoco.walker2d_v5 import Walker2dEnv
 
+from sb3_bruno_envs.mujoco.body_parts import BodyParts
 from sb3_bruno_envs.mujoco.body_tasks import DAMPING, FRICTION, MASS, BodyFamily, beyond, body_tasks, mass_gap
-from sb3_bruno_envs.mujoco.hidden_body import HiddenBody, entries_of
+from sb3_bruno_envs.mujoco.hidden_body import HiddenBody
 
 _LEGS = ["thigh", "leg", "foot", "left thigh", "left leg", "left foot"]
 
@@ -27,7 +28,8 @@ class WalkerParamsEnv(HiddenBody, Walker2dEnv):
     """
 
     feet = ("foot_geom", "foot_left_geom")
-    task_entries = entries_of(["torso", *_LEGS], _LEGS, ["foot", "left foot"])
+    parts = BodyParts(["torso", *_LEGS], _LEGS, ["foot", "left foot"])
+    task_entries = parts.entries()
 
 
 _UNIT = np.repeat([MASS, DAMPING, FRICTION], [7, 6, 2])

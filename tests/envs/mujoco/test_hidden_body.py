@@ -234,3 +234,48 @@ def test_published_tasks_have_a_set_of_their_own(env_id, dim, world, last):
         make(env_id, published=True, tasks="beyond")
     env = gym.make(make(env_id, published=True).spec)
     assert env.reset(seed=0)[1]["task"].shape == (dim,)
+
+
+@ids
+@pytest.mark.parametrize(
+    "kwargs", [{}, *({"tasks": name} for name in ("beyond", "pearl", "tavt")), {"published": True}]
+)
+def test_every_body_has_a_name_of_its_own(env_id, kwargs):
+    env = make(env_id, **kwargs)
+    for split in ("train", "test"):
+        names = list(map(env.get_wrapper_attr("name_of"), tasks_of(env_id, **kwargs).tasks(split)))
+        assert len(set(names)) == len(names) and max(map(len, names)) < 60
+
+
+@robots
+def test_one_factor_of_all_masses_is_called_that_and_none_the_original(robot):
+    parts = robot.parts
+    task = np.zeros(len(UNIT[robot]))
+    assert robot.name_task(task) == "original body"
+    task[: len(parts.bodies)] = np.log(1.25)
+    assert robot.name_task(np.float32(task)) == "every mass x1.25"
+    task[-1] = np.log(0.5)
+    assert robot.name_task(np.float32(task)) == f"{parts.feet[-1]} friction x0.5, every mass x1.25"
+
+
+@robots
+def test_a_published_body_is_named_by_the_same_numbers(robot):
+    env, rng = robot(published=True), np.random.default_rng(0)
+    task = rng.normal(size=ENTRIES[robot]) * 0.01
+    env.set_task(task)
+    dampings, frictions = 4 * env.model.nbody, 4 * env.model.nbody + env.model.nv  # where they begin
+    feet = [env.model.geom(name).id for name in robot.feet]
+    for places, kind, parts in (
+        (range(1, env.model.nbody), "mass", robot.parts.bodies),
+        (range(dampings + 3, frictions), "damping", robot.parts.joints),
+        ([frictions + 3 * foot for foot in feet], "friction", robot.parts.feet),
+    ):
+        for place, name in zip(places, parts, strict=True):
+            changed = task.copy()
+            changed[place] = np.log(2.0)
+            assert robot.name_task(changed).startswith(f"{name} {kind} x2, ")
+
+
+def test_what_is_no_body_has_no_name():
+    with pytest.raises(ValueError, match=r"task=.* is invalid: give 8 log factors, or 41 as published"):
+        HopperParamsEnv.name_task([0.0, 1.0])
