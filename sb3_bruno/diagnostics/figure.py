@@ -216,7 +216,7 @@ def _draw_prediction(panel: Axes, found: Diagnostics) -> None:
 
 def _titles(found: Diagnostics) -> list[str]:
     names = None if found.names is None else [str(name) for name in found.names]
-    return list(map(task_title, task_labels(found.tasks.round(2), names)))
+    return list(map(task_title, task_labels(found.tasks, names)))
 
 
 def _percent(share: float, digits: int = 0) -> str:

@@ -12,6 +12,8 @@ import pytest
 from sb3_bruno.diagnostics.figure import draw_diagnostics, plot_diagnostics
 from sb3_bruno.diagnostics.result import Diagnostics
 from sb3_bruno.diagnostics.verdict import TRUE_TASK, verdict
+from sb3_bruno.evaluation.adaptation_result import AdaptationResult
+from sb3_bruno.evaluation.task_names import task_title
 
 
 def diagnostics_of(n_tasks: int, quantities: int = 1, outside_bound: float | None = None) -> Diagnostics:
@@ -63,6 +65,19 @@ def test_names_of_tasks_are_drawn_as_they_are(tmp_path: Path) -> None:
     beliefs, prediction = draw_diagnostics(found).axes[-2:]
     assert [text.get_text() for text in beliefs.get_legend().get_texts()] == [r"\$a_{ \$", " _hidden", "prior"]
     assert len(prediction.get_legend().get_texts()) == 4
+
+
+@pytest.mark.parametrize("names", [None, ["", ""], ["", "fast"]])
+@pytest.mark.parametrize("dim", [1, 3, 9])
+def test_tasks_are_called_as_evaluate_calls_them(names: list[str] | None, dim: int) -> None:
+    tasks = np.float64(np.float32([[0.001] * dim, [0.002] * dim]))
+    found = replace(diagnostics_of(2), tasks=tasks, names=None if names is None else np.array(names))
+    titles = list(map(task_title, AdaptationResult(tasks, np.zeros((2, 1, 1)), names=names).labels))
+    beliefs, prediction = draw_diagnostics(found).axes[-2:]
+    assert [text.get_text() for text in beliefs.get_legend().get_texts()] == [*titles, "prior"]
+    drawn = [text.get_text() for text in prediction.get_legend().get_texts()]
+    assert drawn == [f"{title}: {what}" for title in titles for what in ("mean, 90 %", "real")]
+    assert len(set(titles)) == 2
 
 
 def readout(found: Diagnostics, entries: list[str]) -> Diagnostics:
