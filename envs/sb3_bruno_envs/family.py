@@ -9,7 +9,8 @@ import gymnasium as gym
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike
 
-from sb3_bruno_envs.arguments import check_count
+from sb3_bruno_envs.arguments import check_count, check_function
+from sb3_bruno_envs.naming import check_entries
 from sb3_bruno_envs.tasks import Split, Task, TaskDistribution, TaskSet, as_task_distribution
 from sb3_bruno_envs.wrappers.meta_task import Draw, MetaTask
 from sb3_bruno_envs.wrappers.observations import TaskObservation, TransitionObservation
@@ -35,9 +36,12 @@ class Family:
         max_episode_steps: the length of an episode; None if the environment ends each of its episodes itself.
         n_episodes: the number of inner episodes, if an episode is a trial (see Trial). The environment ends the inner
             episodes itself, and ``max_episode_steps`` limits the whole trial.
+        name_task: what people call a task, ``name_task(task)``; None for what the class says.
+        task_entries: what a task's numbers are, the first of them if tasks are shorter; None for what the class says.
 
     Raises:
-        ValueError: if the class has no ``set_task``, the tasks are invalid, or a number is not positive.
+        ValueError: if the class has no ``set_task``, the tasks or what names them are invalid, or a number is not
+            positive.
 
     Example:
         >>> POINT_DIR = Family(PointDirEnv, POINT_DIR_TASKS, max_episode_steps=30)
@@ -53,6 +57,8 @@ class Family:
         task_sets: Mapping[str, TaskSet] | None = None,
         max_episode_steps: int | None = None,
         n_episodes: int | None = None,
+        name_task: Callable[[Task], str] | None = None,
+        task_entries: Sequence[tuple[str, str]] | None = None,
     ) -> None:
         set_task: Callable[[Any, Task], object] | None = getattr(env_class, "set_task", None)
         if set_task is None:
@@ -69,8 +75,11 @@ class Family:
         self.max_episode_steps = max_episode_steps
         self.n_episodes = n_episodes
         self._set_task = set_task
-        self._name_task: Callable[[Task], str] | None = getattr(env_class, "name_task", None)
-        self._task_entries: Sequence[tuple[str, str]] | None = getattr(env_class, "task_entries", None)
+        check_function("name_task", name_task, "name_task(task), which returns a text")
+        self._name_task = getattr(env_class, "name_task", None) if name_task is None else name_task
+        entries = getattr(env_class, "task_entries", None) if task_entries is None else task_entries
+        self._task_entries = () if entries is None else entries
+        check_entries(self._task_entries)
 
     @property
     def metadata(self) -> dict[str, Any]:
@@ -144,7 +153,7 @@ class Family:
         return task_sets[name]
 
     def _entries_of(self, space: Box) -> Sequence[tuple[str, str]] | None:
-        entries = (self._task_entries or ())[: space.shape[0]]
+        entries = self._task_entries[: space.shape[0]]
         return entries if len(entries) == space.shape[0] else None
 
     def _make_bare(self, **env_kwargs: Any) -> gym.Env[Any, Any]:

@@ -9,9 +9,7 @@ McLean et al. 2025, "Meta-World+: An Improved, Standardized, RL Benchmark".
 
 from __future__ import annotations
 
-import pickle
-from functools import lru_cache
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import gymnasium as gym
 import numpy as np
@@ -19,32 +17,11 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from sb3_bruno_envs.family import Family, Observe
-from sb3_bruno_envs.tasks import Split, Task, TaskSet
+from sb3_bruno_envs.metaworld_tasks import TaskNames, load_benchmark
+from sb3_bruno_envs.tasks import Split, Task
 from sb3_bruno_envs.wrappers.meta_task import Draw
 
-try:
-    import metaworld
-except ModuleNotFoundError as error:
-    message = f"{error.name} is not installed: pip install 'sb3_bruno[metaworld]', in an environment of its own."
-    raise ModuleNotFoundError(message, name=error.name) from error
-
-_RAND_VEC_DIM = 6  # where object and goal are, in m; some classes have three numbers, and zeros fill up the rest
-
 Observation: TypeAlias = NDArray[np.float64]
-
-
-class Benchmark(NamedTuple):
-    """A benchmark of Meta-World.
-
-    Attributes:
-        classes: of all environments, by name, the training classes first.
-        tasks: the task vectors of both splits.
-        originals: Meta-World's task for each vector, by the vector's bytes.
-    """
-
-    classes: dict[str, Any]
-    tasks: TaskSet
-    originals: dict[bytes, Any]
 
 
 def make_meta_world(
@@ -64,7 +41,8 @@ def make_meta_world(
     A task of ML1 is Meta-World's ``rand_vec``, ``(6,)`` or ``(3,)``: in most classes the positions of object and goal,
     in m. A task of ML10 is the training class, one-hot, and ``rand_vec``, ``(10 + 6,)``. The one-hot part of test
     classes is zeros, since nobody has trained on them. The observation shows the object and hides the goal, so
-    ``check_meta_env`` reports that it holds the entries of the task that place the object.
+    ``check_meta_env`` reports that it holds the entries of the task that place the object. Class and places are the
+    name of a task: ``"door-close (0.1, 0.9, 0.15)"``, ``"push (0.02, 0.65, 0.02) to (0.1, 0.84, 0.02)"``.
 
     An episode has 500 steps. ``info["is_success"]`` becomes True with the first success of an episode and stays so, as
     Meta-World counts successes. Making the tasks takes seconds, for ML10 half a minute; a process makes them once.
@@ -78,7 +56,7 @@ def make_meta_world(
         observe: ``"transition"``, ``"task"`` or ``"plain"``.
         task_space: the Box that holds every task; None for the benchmark's own.
         n_episodes: the number of inner episodes, if an episode is a trial.
-        render_mode: ``"human"``, ``"rgb_array"`` or ``"depth_array"``.
+        render_mode: None, or ``"human"``, ``"rgb_array"`` or ``"depth_array"``.
 
     Raises:
         ValueError: if there is no such class, or an argument is invalid.
@@ -86,7 +64,15 @@ def make_meta_world(
     Example:
         >>> env = make_meta_world("reach-v3", split="test", draw="cycle")
     """
-    family = Family(MetaWorldEnv, load_benchmark(name, seed).tasks, n_episodes=n_episodes)
+    _check_render_mode(render_mode)  # before the minutes that making the tasks may take
+    benchmark = load_benchmark(name, seed)
+    family = Family(
+        MetaWorldEnv,
+        benchmark.tasks,
+        n_episodes=n_episodes,
+        name_task=TaskNames(name, seed),
+        task_entries=benchmark.entries(),
+    )
     return family(
         split=split,
         tasks=tasks,
@@ -99,38 +85,6 @@ def make_meta_world(
     )
 
 
-@lru_cache(maxsize=8)
-def load_benchmark(name: str, seed: int) -> Benchmark:
-    """Make the tasks of a benchmark, which does not change NumPy's global generator.
-
-    Raises:
-        ValueError: if there is no such class.
-    """
-    if name != "ML10" and name not in metaworld.ML1.ENV_NAMES:
-        raise ValueError(f"name={name!r} is no benchmark: give 'ML10', or for ML1 one of {metaworld.ML1.ENV_NAMES}.")
-    return describe(metaworld.ML10(seed=seed) if name == "ML10" else metaworld.ML1(name, seed=seed))
-
-
-def describe(benchmark: Any) -> Benchmark:
-    """Give the tasks of one of Meta-World's benchmarks vectors, with a one-hot part if it trains on several classes."""
-    train, originals = list(benchmark.train_classes), {}
-    splits = []
-    for tasks in (benchmark.train_tasks, benchmark.test_tasks):
-        splits.append([_vector(task, train) for task in tasks])
-        originals.update({vector.tobytes(): task for vector, task in zip(splits[-1], tasks, strict=True)})
-    return Benchmark({**benchmark.train_classes, **benchmark.test_classes}, TaskSet(*splits), originals)
-
-
-def _vector(task: Any, train: list[str]) -> Task:
-    """Return the vector of one of Meta-World's tasks, float32."""
-    rand_vec = pickle.loads(task.data)["rand_vec"]
-    if len(train) == 1:
-        return np.asarray(rand_vec, dtype=np.float32)
-    filled = np.zeros(_RAND_VEC_DIM)
-    filled[: len(rand_vec)] = rand_vec
-    return np.array([*(task.env_name == name for name in train), *filled], dtype=np.float32)
-
-
 class MetaWorldEnv(gym.Env[Observation, NDArray[np.float32]]):
     """Plays any task of a benchmark, with Meta-World's reward; the goal's place in the observation holds zeros.
 
@@ -140,12 +94,16 @@ class MetaWorldEnv(gym.Env[Observation, NDArray[np.float32]]):
         name: as in ``make_meta_world``.
         seed: of the tasks.
         render_mode: as in ``make_meta_world``.
+
+    Raises:
+        ValueError: if there is no such class, or an argument is invalid.
     """
 
     metadata = {"render_modes": ["human", "rgb_array", "depth_array"], "render_fps": 80}  # noqa: RUF012  # as there
     sets_task_at_reset = True  # Meta-World's own environments do
 
     def __init__(self, name: str, seed: int = 1, render_mode: str | None = None) -> None:
+        _check_render_mode(render_mode)
         self.render_mode = render_mode
         self._arguments = (name, seed, render_mode)
         self._benchmark = load_benchmark(name, seed)
@@ -162,9 +120,7 @@ class MetaWorldEnv(gym.Env[Observation, NDArray[np.float32]]):
             ValueError: if it is none of them.
         """
         self._task = np.array(task, dtype=np.float32)
-        original = self._benchmark.originals.get(self._task.tobytes())
-        if original is None:
-            raise ValueError(f"the task {task} is none of the benchmark's: choose from its TaskSet, by tasks('train').")
+        original = self._benchmark.original(self._task)
         name = original.env_name
         if name not in self._envs:
             self._envs[name] = self._benchmark.classes[name](render_mode=self.render_mode)
@@ -187,8 +143,8 @@ class MetaWorldEnv(gym.Env[Observation, NDArray[np.float32]]):
         return observation, float(reward), terminated, truncated, {**info, "is_success": self._succeeded}
 
     def render(self) -> Any:
-        """Render the environment of the task's class."""
-        return self._env.render()
+        """Render the environment of the task's class; None without a render mode."""
+        return None if self.render_mode is None else self._env.render()
 
     def close(self) -> None:
         """Close the environments of all classes."""
@@ -202,6 +158,12 @@ class MetaWorldEnv(gym.Env[Observation, NDArray[np.float32]]):
         MetaWorldEnv.__init__(self, *state["arguments"])
         self.set_task(state["task"])
         self.reset()
+
+
+def _check_render_mode(render_mode: str | None) -> None:
+    modes = MetaWorldEnv.metadata["render_modes"]
+    if render_mode not in (None, *modes):
+        raise ValueError(f"render_mode={render_mode!r} is not supported: use None or one of {modes}.")
 
 
 _IDS = {"ML1Reach-v0": "reach-v3", "ML1Push-v0": "push-v3", "ML1PickPlace-v0": "pick-place-v3", "ML10-v0": "ML10"}

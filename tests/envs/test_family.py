@@ -48,6 +48,18 @@ def test_endless_tasks_are_a_family_too():
     assert Family(PointDirEnv, circle)().reset(seed=0)[1]["task"].sum() == 1.0
 
 
+def test_a_family_names_the_tasks_of_a_class_that_does_not():
+    class Nameless(PointDirEnv):
+        name_task = None
+        task_entries = None
+
+    assert "task_name" not in Family(Nameless, POINT_DIR_TASKS)().reset(seed=0)[1]
+    entries = (("east", "m"), ("north", "m"))
+    for env_class in (Nameless, PointDirEnv):
+        env = Family(env_class, [[1.0, 0.0]], name_task=lambda task: f"{task[0]:g} east", task_entries=entries)()
+        assert env.reset(seed=0)[1]["task_name"] == "1 east" and env.get_wrapper_attr("task_entries") == entries
+
+
 def test_the_render_modes_are_the_classs_own():
     assert Family(PointDirEnv, POINT_DIR_TASKS).metadata is PointDirEnv.metadata
 

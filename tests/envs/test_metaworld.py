@@ -1,6 +1,7 @@
 """Tests of the adapter of Meta-World, where that is installed."""
 
 import pickle
+import re
 import warnings
 from types import SimpleNamespace
 
@@ -12,6 +13,7 @@ from sb3_bruno_envs import check_meta_env
 
 metaworld = pytest.importorskip("metaworld")
 adapter = pytest.importorskip("sb3_bruno_envs.metaworld")
+made = pytest.importorskip("sb3_bruno_envs.metaworld_tasks")
 pytestmark = pytest.mark.mujoco
 
 ML1 = "sb3_bruno_envs.metaworld:ML1Reach-v0"
@@ -104,7 +106,7 @@ def test_a_copy_begins_the_episode_anew():
 
 
 def test_a_task_of_ml10_is_its_class_and_where_things_are(small_ml10):
-    benchmark = adapter.describe(small_ml10)
+    benchmark = made.describe(small_ml10)
     train, test = benchmark.tasks.tasks("train"), benchmark.tasks.tasks("test")
     assert train.shape == (100, 2 + 6) and test.shape == (50, 2 + 6)
     np.testing.assert_array_equal(train[:, :2], np.repeat(np.eye(2), 50, axis=0))
@@ -114,7 +116,7 @@ def test_a_task_of_ml10_is_its_class_and_where_things_are(small_ml10):
 
 
 def test_ml10_changes_the_class_with_the_task(small_ml10, monkeypatch):
-    monkeypatch.setattr(adapter, "load_benchmark", lambda name, seed: adapter.describe(small_ml10))
+    monkeypatch.setattr(made, "_load", lambda name, seed: made.describe(small_ml10))
     for split in ("train", "test"):
         env = gym.make("sb3_bruno_envs.metaworld:ML10-v0", split=split, observe="plain")
         tasks, originals = env.get_wrapper_attr("task_distribution").tasks(split), getattr(small_ml10, f"{split}_tasks")
@@ -132,9 +134,69 @@ def test_ml10_changes_the_class_with_the_task(small_ml10, monkeypatch):
 def test_ml10_is_loaded_as_meta_world_makes_it(monkeypatch):
     seeds = []
     monkeypatch.setattr(metaworld, "ML10", lambda seed: seeds.append(seed) or SimpleNamespace())
-    monkeypatch.setattr(adapter, "describe", lambda benchmark: benchmark)
-    adapter.load_benchmark("ML10", 12345)
+    monkeypatch.setattr(made, "describe", lambda benchmark: benchmark)
+    made.load_benchmark("ML10", 12345)
     assert seeds == [12345]
+
+
+def test_a_task_of_ml1_is_called_by_its_places(ml1):
+    env = gym.make(ML1)
+    for split in ("train", "test"):
+        names = list(map(env.get_wrapper_attr("name_of"), env.get_wrapper_attr("task_distribution").tasks(split)))
+        assert len(set(names)) == 50 and re.fullmatch(r"reach \(\S+, \S+, \S+\) to \(\S+, \S+, \S+\)", names[0])
+    name_of = made.TaskNames("reach-v3", 1)
+    assert name_of(np.float32([0, 0.6, 0.02, 0.1, 0.8, 0.25])) == "reach (0, 0.6, 0.02) to (0.1, 0.8, 0.25)"
+    entries = [
+        ("object x", "m"),
+        ("object y", "m"),
+        ("object z", "m"),
+        ("goal x", "m"),
+        ("goal y", "m"),
+        ("goal z", "m"),
+    ]
+    assert list(env.get_wrapper_attr("task_entries")) == entries
+    assert gym.make(env.spec).get_wrapper_attr("name_of")(env.reset(seed=0)[1]["task"]).startswith("reach ")
+
+
+def test_a_task_of_ml10_is_called_by_its_class_and_place(small_ml10, monkeypatch):
+    monkeypatch.setattr(made, "_load", lambda name, seed: made.describe(small_ml10))
+    env = pickle.loads(pickle.dumps(gym.make("sb3_bruno_envs.metaworld:ML10-v0")))
+    tasks, name_of = env.get_wrapper_attr("task_distribution").tasks, env.get_wrapper_attr("name_of")
+    for split, skills in (("train", ["reach", "drawer-close"]), ("test", ["door-close"])):
+        names = list(map(name_of, tasks(split)))
+        assert [name.split()[0] for name in names[::50]] == skills and len(set(names)) == len(names)
+    x, y, z = np.round(tasks("test")[0, 2:5], 5)
+    assert name_of(tasks("test")[0]) == f"door-close ({x:g}, {y:g}, {z:g})"
+    assert env.get_wrapper_attr("task_entries")[:3] == (("reach", ""), ("drawer-close", ""), ("object x", "m"))
+    with pytest.raises(ValueError, match="none of the benchmark's"):
+        env.reset(options={"task": env.get_wrapper_attr("task_space").low})
+
+
+@pytest.mark.parametrize("make", [adapter.make_meta_world, adapter.MetaWorldEnv])
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("render_mode", "rgb_arry"),
+        ("render_mode", 5),
+        ("seed", "a"),
+        ("seed", "1"),
+        ("seed", 1.5),
+        ("seed", -1),
+        ("seed", 2**32),
+        ("seed", True),
+        ("seed", None),
+        ("name", ["reach-v3"]),
+    ],
+)
+def test_a_wrong_argument_is_named_with_its_value(make, argument, value):
+    with pytest.raises(ValueError, match=re.escape(f"{argument}={value!r} ") + ".*: (use|give) "):
+        make(**{"name": "reach-v3", argument: value})
+
+
+def test_without_a_render_mode_nothing_is_drawn():
+    env = adapter.MetaWorldEnv("reach-v3")
+    env.reset(seed=0)
+    assert env.render() is None
 
 
 def test_a_task_of_ones_own_is_refused():

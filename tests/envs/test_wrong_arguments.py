@@ -41,7 +41,8 @@ def sampler(**arguments):
 
 WRONG = [
     *(
-        (meta, "task_entries", entries)
+        (make, "task_entries", entries)
+        for make in (meta, family)
         for entries in (
             5,
             [5],
@@ -51,9 +52,9 @@ WRONG = [
             [("a",)],
             [("a", None)],
             [("a", "b", "c")],
-            [("a", "b")],
         )
     ),
+    (meta, "task_entries", [("a", "b")]),
     (meta, "split", 5),
     (meta, "split", ["train"]),
     (meta, "draw", 5),
@@ -64,6 +65,7 @@ WRONG = [
     (family, "task_sets", 5),
     (family, "task_sets", {"beyond": TASKS}),
     (family, "env_class", 5),
+    (family, "name_task", "left"),
     (family, "max_episode_steps", "30"),
     (family, "max_episode_steps", True),
     (family, "max_episode_steps", 0),

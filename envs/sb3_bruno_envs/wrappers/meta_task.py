@@ -13,6 +13,7 @@ from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import ArrayLike
 
 from sb3_bruno_envs.arguments import check_env, check_function
+from sb3_bruno_envs.naming import check_entries
 from sb3_bruno_envs.task_effect import find_task_without_effect
 from sb3_bruno_envs.task_lists import list_examples, list_few
 from sb3_bruno_envs.tasks import Split, Task, TaskDistribution, TaskSet, as_task_distribution, check_split, check_task
@@ -285,16 +286,9 @@ class MetaTask(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
 def _read_entries(entries: Sequence[tuple[str, str]], space: Box) -> tuple[tuple[str, str], ...]:
     """Return name and unit of each number of a task; a ValueError refuses what is none, or not one for each."""
-    if not isinstance(entries, list | tuple) or not all(map(_is_entry, entries)):
-        raise ValueError(
-            f"task_entries={entries!r} is no list of pairs of name and unit: give such as [('velocity', 'm/s')]."
-        )
+    check_entries(entries)
     if space.shape != (len(entries),):
         raise ValueError(
             f"task_entries={entries!r} names {len(entries)} numbers, and tasks have shape {space.shape}: name each."
         )
     return tuple((name, unit) for name, unit in entries)
-
-
-def _is_entry(entry: Any) -> bool:
-    return isinstance(entry, list | tuple) and len(entry) == 2 and all(isinstance(text, str) for text in entry)
