@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from sb3_bruno_envs.mujoco.body_parts import BodyParts
 from sb3_bruno_envs.mujoco.exact_state import ExactState
 from sb3_bruno_envs.mujoco.physics import scale_physics
+from sb3_bruno_envs.task_numbers import read_numbers
 
 
 class HiddenBody(ExactState):
@@ -50,14 +51,14 @@ class HiddenBody(ExactState):
             ValueError: if a number is not finite, or their number is wrong.
         """
         write = self._write_every_entry if self.published else self._write_body
-        write(np.array(task, dtype=np.float64))
+        write(task)
 
     @classmethod
     def name_task(cls, task: ArrayLike) -> str:
         """Return the factors that are farthest from 1."""
         return cls.parts.name(task)
 
-    def _write_body(self, task: NDArray[np.float64]) -> None:
+    def _write_body(self, task: ArrayLike) -> None:
         model = self.original_model
         bodies = [model.body(i).name for i in range(1, model.nbody)]  # 0 is the world
         joints = [model.joint(i).name for i in range(model.njnt) if model.joint(i).damping[0] > 0.0]
@@ -69,7 +70,7 @@ class HiddenBody(ExactState):
             friction=dict(zip(self.feet, frictions, strict=True)),
         )
 
-    def _write_every_entry(self, task: NDArray[np.float64]) -> None:
+    def _write_every_entry(self, task: ArrayLike) -> None:
         model, original = self.model, self.original_model
         masses, inertias, dampings, frictions = _factors(task, model.nbody, 3 * model.nbody, model.nv, 3 * model.ngeom)
         model.body_mass[:] = masses * original.body_mass
@@ -78,8 +79,7 @@ class HiddenBody(ExactState):
         model.geom_friction[:] = frictions.reshape(-1, 3) * original.geom_friction
 
 
-def _factors(task: NDArray[np.float64], *counts: int) -> list[NDArray[np.float64]]:
+def _factors(task: ArrayLike, *counts: int) -> list[NDArray[np.float64]]:
     """Return a task's factors in parts of these lengths."""
-    if task.shape != (sum(counts),) or not np.isfinite(task).all():
-        raise ValueError(f"task={task!r} is invalid: give {sum(counts)} finite log factors, 0 for the original.")
-    return np.split(np.exp(task), np.cumsum(counts)[:-1])
+    logs = read_numbers(task, sum(counts), "log factors, 0 for the original")
+    return np.split(np.exp(logs), np.cumsum(counts)[:-1])
