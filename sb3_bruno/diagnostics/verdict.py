@@ -33,6 +33,9 @@ TRUE_TASK = "probability of the true task"
 SOON = 20
 """Steps after which the read-out is judged."""
 
+LEAST_MISS = 1e-9
+"""A read-out's miss that is less counts as so much."""
+
 
 def verdict(found: Diagnostics) -> str:
     """Judge a belief: its intervals, and so what to take it for; its alarm; the read-out of the task, if there is one.
@@ -78,18 +81,33 @@ def _readout(found: Diagnostics) -> list[str]:
     if found.readout_misses is None or found.readout_holds is None or found.readout_entries is None:
         return []
     soon = min(SOON, found.readout_misses.shape[2] - 1)
-    held, steps = float(np.nanmean(found.readout_holds[:, :, soon:])), f"after {soon} steps"
+    steps = f"after {soon} steps"
     misses = np.nanmean(found.readout_misses[:, :, [0, soon]], axis=(0, 1))  # (2, n_entries)
+    each_held = np.nanmean(found.readout_holds[:, :, soon:], axis=(0, 1, 2))  # (n_entries,)
     if found.readout_entries[0] == TRUE_TASK:
-        return [
-            f"read-out gives the true task {1 - misses[1, 0]:.2f} {steps}, and is right {100 * held:.0f} % of the time"
-        ]
+        share = 100 * each_held[0]
+        return [f"read-out gives the true task {1 - misses[1, 0]:.2f} {steps}, and is right {share:.0f} % of the time"]
+    weights = _weights(found.tasks, misses[0])
+    held = np.average(each_held, weights=weights)
     if len(found.readout_entries) == 1:
         unit = "".join(str(found.readout_entries[0]).partition(",")[2:])
         said = f"is off by {misses[1, 0]:.2g}{unit} {steps}, by {misses[0, 0]:.2g}{unit} before any"
     else:
-        said = (
-            f"is off {steps} by {100 * (misses[1] / np.maximum(misses[0], 1e-9)).mean():.0f} % of what it is before any"
-        )
+        left = np.average(misses[1] / np.maximum(misses[0], LEAST_MISS), weights=weights)
+        said = f"is off {steps} by {100 * left:.0f} % of what it is before any"
     fault = "too narrow" if held < HOLDS[0] else "too wide" if held > HOLDS[1] else "right"
     return [f"read-out {said}, its intervals {fault} ({100 * held:.0f} % within 90 %)"]
+
+
+def _weights(tasks: Floats, misses: Floats) -> Floats:
+    """Return what each entry counts, (n_entries,): 1 if its tasks vary by what the read-out misses before any step.
+
+    An entry that varies less counts less, and one that does not vary counts nothing: it is known from the first, so
+    what is missed of it is noise, and its interval always holds. Where no entry varies, all count alike.
+
+    Args:
+        tasks: the diagnosed ones, (n_tasks, n_entries).
+        misses: the mean miss before any step, (n_entries,).
+    """
+    weights: Floats = np.minimum(tasks.std(axis=0) / np.maximum(misses, LEAST_MISS), 1.0)
+    return weights if weights.any() else np.ones_like(weights)

@@ -71,7 +71,8 @@ def readout_of(entries: list[str], miss: float, holds: float) -> str:
     misses[:, :, 10] = miss
     held = np.ones_like(misses)
     held[:, round(10 * holds) :] = 0.0
-    found = found_of(RIGHT, readout_entries=np.array(entries), readout_misses=misses, readout_holds=held)
+    tasks = np.zeros((1, len(entries)))
+    found = found_of(RIGHT, tasks=tasks, readout_entries=np.array(entries), readout_misses=misses, readout_holds=held)
     numbers = found.numbers()
     told = [numbers[f"readout_{name}"] for name in ("miss_at_first", "miss", "holds")]
     assert told == pytest.approx([1.0, miss, holds])
@@ -89,3 +90,30 @@ def test_the_read_out_is_judged_by_its_miss_and_its_intervals() -> None:
     few = readout_of(["probability of the true task"], 0.25, 0.9)
     assert few == "read-out gives the true task 0.75 after 10 steps, and is right 90 % of the time"
     assert "read-out" not in verdict(found_of(RIGHT))
+
+
+@pytest.mark.parametrize(
+    ("others", "noise"),
+    [([0.35], 1e-3), ([5.0, 0.35, 9.81], 1e-3), ([0.0], 0.0), ([0.1 + 0.2], 1e-17), ([1e4], 1.0)],
+)
+@pytest.mark.parametrize("jitter", [0.0, 1e-12])
+def test_entries_that_do_not_vary_are_not_judged(others: list[float], noise: float, jitter: float) -> None:
+    speeds = np.linspace(0.0, 3.0, 20)
+    tasks = np.stack([speeds, *(other + jitter * np.sin(speeds) for other in others)], axis=1)
+    misses = np.full((20, 1, 11, tasks.shape[1]), noise)  # of a constant they are as great after steps as before
+    misses[:, :, 0, 0], misses[:, :, 1:, 0] = 0.8, 0.04
+    held = np.ones_like(misses)
+    held[:8, :, :, 0] = 0.0  # too narrow, where the task varies
+    entries = np.array([f"task[{i}]" for i in range(tasks.shape[1])])
+    found = found_of(RIGHT, tasks=tasks, readout_entries=entries, readout_misses=misses, readout_holds=held)
+    said = "is off after 10 steps by 5 % of what it is before any, its intervals too narrow (60 % within 90 %)"
+    assert verdict(found).endswith(said)
+
+
+def test_entries_that_vary_count_alike_whatever_their_units() -> None:
+    tasks = np.linspace([0.0, 0.0], [1.0, 1e-3], 20)
+    misses = np.broadcast_to(np.array([0.2, 2e-4]), (20, 1, 11, 2)).copy()
+    misses[:, :, 10] = [0.02, 1e-4]
+    entries, held = np.array(["x, m", "y, km"]), np.ones_like(misses)
+    found = found_of(RIGHT, tasks=tasks, readout_entries=entries, readout_misses=misses, readout_holds=held)
+    assert "is off after 10 steps by 30 % of what it is before any" in verdict(found)
