@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from typing import NamedTuple
-from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecNormalize
 
+from sb3_bruno.buffers.spared_tasks import spared_tasks
 from sb3_bruno.buffers.task_buffer import TaskReplayBuffer
 from sb3_bruno.encoders import TaskSequences
-
-ONE_IN = 5
-"""How many tasks there are for each that is spared."""
 
 
 class SampledEpisodes(NamedTuple):
@@ -22,8 +19,8 @@ class SampledEpisodes(NamedTuple):
     Attributes:
         sequences: their transitions and tasks, (n, time, dim) and (n, task_dim).
         is_read: at which steps the belief is that of all steps before, (n, time).
-        is_spared: of which tasks a read-out must learn nothing but how wide its intervals are, (n,): of about one task
-            in five, always the same, and of none while there are fewer than five.
+        is_spared: of which tasks a read-out must learn nothing but how wide its intervals are, (n,): of one task in
+            five, none at the ends of a range (``spared_tasks``), and of none while there are fewer than five.
     """
 
     sequences: TaskSequences
@@ -47,5 +44,7 @@ def sample_episodes(
         RuntimeError: if the buffer is empty.
     """
     rows, tasks = buffer.episode_rows(n_episodes, bounded=bounded, rng=rng)
-    is_spared = np.array([crc32(task.tobytes()) % ONE_IN == 0 for task in tasks]) & (len(buffer.tasks) >= ONE_IN)
+    held = buffer.tasks.held()
+    spared = held[spared_tasks(buffer.tasks.tasks(held), buffer.tasks.checksums(held))]
+    is_spared = np.isin([buffer.tasks.find(task) for task in tasks], spared)
     return SampledEpisodes(buffer.sequences(rows, tasks, env), rows.is_read, is_spared)

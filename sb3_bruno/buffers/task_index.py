@@ -64,6 +64,15 @@ class TaskIndex:
         numbers: Array = self._live[rng.integers(len(self), size=size)].astype(np.int64)
         return numbers
 
+    def held(self) -> Array:
+        """Return the numbers of all tasks that hold a slot, (n,)."""
+        numbers: Array = self._live[: len(self)].astype(np.int64)
+        return numbers
+
+    def find(self, task: NDArray[np.float32]) -> int | None:
+        """Return the number of a task, (task_dim,); None if it holds no slot."""
+        return self._numbers.find(task)
+
     def number_of(self, slot: int) -> int:
         """Return the number of the task that holds ``slot``."""
         return int(self._number_of_slot[slot])
@@ -71,6 +80,10 @@ class TaskIndex:
     def tasks(self, numbers: Array) -> NDArray[np.float32]:
         """Return the vectors of tasks, (n, task_dim)."""
         return self._numbers.vectors[numbers]
+
+    def checksums(self, numbers: Array) -> NDArray[np.uint32]:
+        """Return the checksums of tasks, (n,)."""
+        return self._numbers.checksums(numbers)
 
     def counts(self, numbers: Array) -> Array:
         """Return how many slots each of the tasks holds, (n,)."""
@@ -114,7 +127,7 @@ class TaskIndex:
 
     def _pack(self) -> None:
         """Write all queues one after the other, each with as much room again, to an array a quarter longer."""
-        live = self._live[: len(self)].astype(np.int64)
+        live = self.held()
         counts = self.counts(live)
         rooms = np.maximum(2 * counts, LEAST_ROOM)
         begins = np.cumsum(rooms) - rooms

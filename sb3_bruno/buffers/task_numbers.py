@@ -41,6 +41,10 @@ class TaskNumbers:
             number = next((int(i) for i in alike if self.vectors[i].tobytes() == key), None)
         return None if number is None else self._remember(key, number)
 
+    def checksums(self, numbers: NDArray[np.int64]) -> NDArray[np.uint32]:
+        """Return the checksums of the tasks of numbers, (n,)."""
+        return self._checksums[numbers]
+
     def open(self, task: NDArray[np.float32]) -> int:
         """Give a number to a task that has none."""
         number = self._free.pop() if self._free else self._n_used
