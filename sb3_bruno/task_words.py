@@ -71,6 +71,11 @@ class TaskEstimate(NamedTuple):
 
 
 def _with_spread(value: float, spread: float) -> str:
-    """Write a number as precisely as it is known: ``_with_spread(1.9123, 0.132)`` gives ``"1.91 ± 0.13"``."""
-    decimals = 0 if spread <= 0 else max(0, 1 - int(np.floor(np.log10(spread))))
+    """Write a number as precisely as it is known: ``_with_spread(1.9123, 0.132)`` gives ``"1.91 ± 0.13"``.
+
+    A number whose spread says nothing of its digits, as 0 or inf, has three of them.
+    """
+    if not 0 < spread < np.inf:
+        return f"{value:.3g} ± {spread:g}"
+    decimals = max(0, 1 - int(np.floor(np.log10(spread))))
     return f"{value:.{decimals}f} ± {spread:.{decimals}f}"

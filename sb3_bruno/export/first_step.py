@@ -13,6 +13,7 @@ def run_first_step(model: TaskInference) -> None:
     """Infer from one transition and read the task. What actor and critics cost is that of their weights.
 
     Raises:
+        ValueError: if what is read is not finite: weights may be finite, and yet as large as that.
         Exception: of any kind, where it costs more than a budget around it allows, or cannot be computed.
     """
     policy, encoder = model.policy, model.policy.encoder
@@ -25,4 +26,6 @@ def run_first_step(model: TaskInference) -> None:
         if policy.forget_threshold is not None and isinstance(encoder, Predicts):
             encoder.log_bayes_factor(memory, zeros)
         if policy.readout is not None:
-            policy.readout.read(encoder, memory)
+            reading = policy.readout.read(encoder, memory)
+            if not (reading.mean.isfinite().all() and reading.std.isfinite().all()):
+                raise ValueError("its read-out tells a task that is not finite")

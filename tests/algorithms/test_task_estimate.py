@@ -186,6 +186,22 @@ def test_it_says_as_much_as_is_known():
     assert nameless.texts() == ["task[0] 2 ± 0"]
 
 
+@pytest.mark.parametrize(
+    ("value", "spread", "said"),
+    [
+        (0.35, 0.0, "0.35 ± 0"),
+        (9.80665, 0.0, "9.81 ± 0"),
+        (0.35, np.inf, "0.35 ± inf"),
+        (0.35, np.nan, "0.35 ± nan"),
+        (np.nan, np.nan, "nan ± nan"),
+        (np.inf, 0.1, "inf ± 0.10"),
+        (0.35, 3e38, f"0 ± {3e38:.0f}"),
+    ],
+)
+def test_it_says_what_is_not_finite_or_known_exactly(value, spread, said):
+    assert str(TaskEstimate(np.array([[value]]), np.array([[spread]]), None, None, TaskLabels())) == f"task[0] {said}"
+
+
 def test_columns_are_prefixes_that_the_row_has():
     rng = np.random.default_rng(0)
     is_read = np.zeros((3, 30), dtype=bool)

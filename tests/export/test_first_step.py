@@ -1,0 +1,35 @@
+"""An agent whose first reading of the task is not finite is not loaded, though all its weights are finite."""
+
+import pytest
+import torch as th
+
+from sb3_bruno import PearlSAC
+from sb3_bruno.export import load_agent, save_agent
+from support.tiny_models import POINT, tiny
+
+
+@pytest.fixture(scope="module")
+def agents():
+    """An agent that tells a density over tasks, and one that tells how probable each of a few is."""
+    return {env: PearlSAC("MlpPolicy", env, **tiny(PearlSAC)) for env in ("sb3_bruno_envs:PointGoal-v0", POINT)}
+
+
+@pytest.mark.parametrize(
+    ("env", "weight", "number"),
+    [
+        ("sb3_bruno_envs:PointGoal-v0", "log_widen", 1e30),
+        ("sb3_bruno_envs:PointGoal-v0", "log_widen", 60.0),
+        ("sb3_bruno_envs:PointGoal-v0", "head.components.bias", 3e38),
+        (POINT, "logits.weight", 3e38),
+    ],
+)
+def test_a_read_out_that_is_not_finite_is_refused(env, weight, number, agents, tmp_path):
+    model = agents[env]
+    tensor = dict([*model.policy.readout.named_parameters(), *model.policy.readout.named_buffers()])[weight]
+    before = tensor.detach().clone()
+    with th.no_grad():
+        tensor.fill_(number)
+        save_agent(model, tmp_path / "point.agent")
+        tensor.copy_(before)
+    with pytest.raises(ValueError, match="cannot be loaded as an agent: its read-out tells a task that is not finite"):
+        load_agent(tmp_path / "point.agent", device="cpu")
