@@ -99,6 +99,24 @@ def check_encoder_updates(encoder: TaskEncoder, updates: Mapping[str, float | No
             raise ValueError(f"`{name}` must be finite and not be negative, got {value}.")
 
 
+def check_has_buffer(buffer: ReplayBuffer | None) -> None:
+    """Refuse to learn without a replay buffer of this package.
+
+    Raises:
+        ValueError: if it is none.
+    """
+    if buffer is None:
+        raise ValueError(
+            "The agent has no replay buffer to learn from, for an agent file that is loaded without an env brings "
+            "none: give it one, `load_agent(path, env)`, or call `load_replay_buffer`."
+        )
+    if not isinstance(buffer, TaskReplayBuffer):
+        raise ValueError(
+            f"The replay buffer is a {type(buffer).__name__}, no `TaskReplayBuffer`: leave out `replay_buffer_class`, "
+            "or give a subclass."
+        )
+
+
 def check_buffer(buffer: ReplayBuffer | None, model: OffPolicyAlgorithm, encoder: TaskEncoder) -> None:
     """Refuse a replay buffer that the algorithm or its encoder cannot work with.
 
@@ -107,8 +125,8 @@ def check_buffer(buffer: ReplayBuffer | None, model: OffPolicyAlgorithm, encoder
             sequences that are too short for the encoder's loss, or shuffles them where the encoder reads them in
             their order.
     """
-    if not isinstance(buffer, TaskReplayBuffer):
-        raise ValueError(f"The replay buffer is a {type(buffer).__name__}, no `TaskReplayBuffer`.")
+    check_has_buffer(buffer)
+    assert isinstance(buffer, TaskReplayBuffer)  # for mypy
     if buffer.n_envs != model.n_envs:
         raise ValueError(
             f"The replay buffer is of `n_envs={buffer.n_envs}`, the model has {model.n_envs}: make as many."

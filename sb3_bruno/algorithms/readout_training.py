@@ -12,6 +12,7 @@ from stable_baselines3.common.type_aliases import GymEnv, TensorDict
 from stable_baselines3.common.utils import update_learning_rate
 from torch import Tensor
 
+from sb3_bruno.algorithms.checks import check_has_buffer
 from sb3_bruno.algorithms.encoder_training import EncoderTraining
 from sb3_bruno.algorithms.readout_parameters import check_readout
 from sb3_bruno.algorithms.task_estimate import TaskLabels, few_tasks, list_tasks, read_labels
@@ -72,10 +73,11 @@ class ReadoutTraining(EncoderTraining):
 
         Raises:
             TypeError: if an argument is no whole number.
-            ValueError: if ``gradient_steps`` is negative, or ``batch_size`` not positive.
+            ValueError: if ``gradient_steps`` is negative, ``batch_size`` not positive, or there is no replay buffer.
         """
         check_whole("gradient_steps", gradient_steps, 0)
         check_whole("batch_size", batch_size, 1)
+        check_has_buffer(self.replay_buffer)
         if self.policy.readout is not None:
             n_updates, self._readout_due = divmod(self._readout_due + gradient_steps, EVERY)
             if n_updates > 0:
@@ -97,7 +99,8 @@ class ReadoutTraining(EncoderTraining):
 
         Raises:
             TypeError: if ``n_updates`` is no whole number.
-            ValueError: if it is not positive, the replay buffer is empty, or the agent has no env to ask for its tasks.
+            ValueError: if it is not positive, there is no replay buffer or an empty one, or the agent has no env to ask
+                for its tasks.
 
         Example:
             >>> model = BrunoSAC.load("agent", env=env, learning_starts=0, gradient_steps=0)
@@ -105,7 +108,8 @@ class ReadoutTraining(EncoderTraining):
             >>> model.fit_readout()
         """
         check_whole("n_updates", n_updates, 1)
-        if self.replay_buffer is None or self.replay_buffer.size() == 0:
+        check_has_buffer(self.replay_buffer)
+        if self.replay_buffer.size() == 0:
             raise ValueError("The replay buffer is empty: collect transitions, or load a replay buffer first.")
         if self.policy.readout is None or self._has_other_tasks():
             self._add_readout()
@@ -141,11 +145,15 @@ class ReadoutTraining(EncoderTraining):
 
     def set_env(self, env: GymEnv, force_reset: bool = True) -> None:
         super().set_env(env, force_reset)
+        self.warn_of_other_tasks()
+
+    def warn_of_other_tasks(self) -> None:
+        """Warn if the env, which the agent was just given, has tasks that the read-out takes for others."""
         if self._has_other_tasks():
             warnings.warn(
                 "The env has tasks that the agent's read-out does not know, and takes for those that it knows: once "
                 "transitions are collected, `fit_readout` learns another.",
-                stacklevel=2,
+                stacklevel=3,
             )
 
     def set_parameters(

@@ -129,7 +129,7 @@ class Saving(ReadoutTraining):
         force_reset: bool = True,
         **kwargs: Any,
     ) -> SelfSaving:
-        """Load as in SB3.
+        """Load as in SB3. A read-out that does not know all tasks of ``env`` is warned of.
 
         Args:
             path: where ``save`` put it.
@@ -156,9 +156,11 @@ class Saving(ReadoutTraining):
         if data is not None:
             _check_policy_kwargs(kwargs.pop("policy_kwargs"), data["policy_kwargs"])
         try:
-            return super().load(path, env, device, custom_objects, print_system_info, force_reset, **kwargs)
+            model = super().load(path, env, device, custom_objects, print_system_info, force_reset, **kwargs)
         except KeyError as error:  # SB3 takes a refusal for that of an old DQN, whose optimiser it looks for
             raise (error.__context__ if isinstance(error.__context__, ValueError) else error) from None
+        model.warn_of_other_tasks()
+        return model
 
     def _check_saved_class(self) -> None:
         """Refuse to be loaded from what another class saved, unless one of the two is made from the other."""

@@ -165,6 +165,7 @@ class WrittenAgent(NamedTuple):
         if venv is None:
             model.env, model.replay_buffer = None, None  # type: ignore[assignment]  # there is nothing to learn from
             model.buffer_size = self.arguments["buffer_size"]
+        model.warn_of_other_tasks()
         return model
 
 

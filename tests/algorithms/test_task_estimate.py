@@ -14,6 +14,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNorm
 from sb3_bruno import BrunoSAC, Transitions
 from sb3_bruno.algorithms.readout_training import LEARNING_RATE, N_STEPS, N_TO_SETTLE, _draw_columns
 from sb3_bruno.algorithms.task_estimate import TaskEstimate, TaskLabels
+from sb3_bruno.export import load_agent, save_agent
 from sb3_bruno_envs import MetaTask, PointDirEnv, TaskSampler, TransitionObservation
 from support.tiny_models import EACH_KIND, POINT, TINY, TINY_ENCODER, TRIAL
 
@@ -251,6 +252,23 @@ def test_other_tasks_are_warned_of_and_learned_anew():
     model.fit_readout(2)
     assert model.task_labels.tasks == ("up", "down")
     assert model.task_estimate(model.predict(model.get_env().reset())[1]).probabilities.shape == (1, 2)
+
+
+def test_an_agent_that_is_loaded_with_other_tasks_is_warned_of_once(tmp_path):
+    def point(tasks):
+        return make_vec_env(POINT, 1, env_kwargs={"tasks": tasks})
+
+    model = BrunoSAC("MlpPolicy", POINT, **TINY, **TINY_ENCODER["bruno"])
+    model.save(tmp_path / "model.zip")
+    save_agent(model, tmp_path / "model.agent")
+    for load, name in ((BrunoSAC.load, "model.zip"), (load_agent, "model.agent")):
+        with pytest.warns(UserWarning, match="fit_readout") as warned:
+            load(tmp_path / name, point([[0.0, 1.0], [0.0, -1.0]]))
+        assert len(warned) == 1
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            for env in (None, point([[1.0, 0.0]])):
+                load(tmp_path / name, env)
 
 
 def test_a_name_stays_on_its_line():

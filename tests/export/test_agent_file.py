@@ -143,8 +143,9 @@ def test_tasks_that_are_many_are_read_as_before(tmp_path):
 def test_without_an_env_it_refuses_to_learn_later_on(tmp_path):
     loaded = again(made(BrunoSAC, make_point()), tmp_path / "point.agent")
     loaded.set_env(DummyVecEnv([make_point]))
-    with pytest.raises(ValueError, match="replay buffer"):
-        loaded.learn(60)
+    for learn in (lambda: loaded.learn(60), lambda: loaded.train(1), loaded.fit_readout):
+        with pytest.raises(ValueError, match=r"loaded without an env.*`load_agent\(path, env\)`"):
+            learn()
 
 
 @pytest.mark.parametrize(
