@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
+from sb3_bruno.task_names import one_line, task_labels
 from sb3_bruno.task_words import TaskEstimate, TaskLabels
 
 __all__ = ["FEW_TASKS", "TaskEstimate", "TaskLabels", "example_tasks", "few_tasks", "list_tasks", "read_labels"]
@@ -47,18 +48,21 @@ def _together(listed: list[list[list[float]]]) -> list[list[float]]:
 
 
 def read_labels(env: VecEnv, tasks: NDArray[np.float32] | None) -> TaskLabels:
-    """Ask an env what its tasks are called; those that it does not name are called by their numbers."""
+    """Ask an env what its tasks are called."""
     entries = env.get_attr("task_entries", 0)[0] if env.has_attr("task_entries") else None
     names, units = zip(*entries, strict=True) if entries else ((), ())
-    called = () if tasks is None else tuple(_one_line(_name(env, task)) for task in tasks)
-    return TaskLabels(tuple(map(_one_line, names)), tuple(map(_one_line, units)), called)
+    called = () if tasks is None else _call(env, tasks)
+    return TaskLabels(tuple(map(_short, names)), tuple(map(_short, units)), called)
 
 
-def _name(env: VecEnv, task: NDArray[np.float32]) -> str:
-    named = env.env_method("name_of", task, indices=0)[0] if env.has_attr("name_of") else None
-    return named or f"({', '.join(f'{value:g}' for value in task.tolist())})"
+def _call(env: VecEnv, tasks: NDArray[np.float32]) -> tuple[str, ...]:
+    """Call tasks as logs do, all differently; those that the env does not name by their numbers, ``"(1, 0)"``."""
+    has_names = env.has_attr("name_of")
+    names = [_short(env.env_method("name_of", task, indices=0)[0] or "") if has_names else "" for task in tasks]
+    labels = zip(names, task_labels(tasks, names), strict=True)
+    return tuple(label if name else f"({label.replace('_', ', ')})" for name, label in labels)
 
 
-def _one_line(name: str) -> str:
-    """Write a name on one line, without what cannot be printed, and not at any length."""
-    return " ".join("".join(char if char.isprintable() else " " for char in name).split())[:LONGEST_NAME]
+def _short(name: str) -> str:
+    """Write a name on one line, and not at any length."""
+    return one_line(name)[:LONGEST_NAME]

@@ -13,8 +13,8 @@ import numpy as np
 from sb3_bruno.diagnostics.result import Diagnostics
 from sb3_bruno.diagnostics.verdict import TRUE_TASK, verdict
 from sb3_bruno.evaluation.band import Band
-from sb3_bruno.evaluation.task_names import task_labels, task_title
 from sb3_bruno.plotting.style import COLORS, FIRST_STEPS, GREY, INK, as_text, draw_band, style_panel
+from sb3_bruno.task_names import task_labels, task_title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

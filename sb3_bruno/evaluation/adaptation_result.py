@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from sb3_bruno.evaluation.floats import Floats, mean_of_known
 from sb3_bruno.evaluation.interquartile import Interval, interquartile_mean
-from sb3_bruno.evaluation.task_names import ALL_TASKS, task_labels
 from sb3_bruno.files.whole import whole_file
+from sb3_bruno.task_names import ALL_TASKS, task_labels
 
 
 @dataclass(frozen=True, eq=False)

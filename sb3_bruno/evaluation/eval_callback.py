@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.evaluation.resumable_eval import ResumableEvalCallback, Rows, has_ended
-from sb3_bruno.evaluation.task_names import log_key, task_label
 from sb3_bruno.evaluation.told import task_name
 from sb3_bruno.files.whole import whole_file
+from sb3_bruno.task_names import log_key, task_label
 
 _TASKS_FILE = "evaluation_tasks.npz"  # beside SB3's evaluations.npz
 _MAX_LOGGED_TASKS = 50

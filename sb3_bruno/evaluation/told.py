@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sb3_bruno.evaluation.task_names import one_line
+from sb3_bruno.task_names import one_line
 
 
 def task_name(info: Mapping[str, Any]) -> str:

@@ -12,7 +12,7 @@ from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders.task_readout import ListReadout
 from sb3_bruno.files.shown import shown
 
-LONGEST = 200  # characters of a name
+LONGEST = 300  # characters of a name: ``task_estimate.LONGEST_NAME``, and eight numbers that tell it from another
 
 
 def write_readout(model: TaskInference) -> dict[str, Any] | None:

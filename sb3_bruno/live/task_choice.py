@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno.algorithms.task_estimate import FEW_TASKS
-from sb3_bruno.evaluation.task_names import task_labels
+from sb3_bruno.task_names import task_labels
 from sb3_bruno.zoo.environments import tasks_of
 
 

@@ -11,8 +11,8 @@ from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.eval_callback import LearningCurve
 from sb3_bruno.evaluation.floats import Floats, mean_of_known
-from sb3_bruno.evaluation.task_names import FEW_TASKS, pooled_title, task_label, task_labels, task_title
 from sb3_bruno.plotting.style import FIRST_STEPS, plot_bands
+from sb3_bruno.task_names import FEW_TASKS, pooled_title, task_label, task_labels, task_title
 
 
 def plot_adaptation(results: Mapping[str, AdaptationResult], path: str | Path) -> None:

@@ -15,11 +15,11 @@ from stable_baselines3.common.vec_env import VecNormalize
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.encoders import Predicts
 from sb3_bruno.evaluation.progress import progress
-from sb3_bruno.evaluation.task_names import task_title
 from sb3_bruno.evaluation.told import task_name
 from sb3_bruno.plotting.encode import Frame, check_formats, video_files
 from sb3_bruno.plotting.film import SIZE, FilmFigure, Moment
 from sb3_bruno.plotting.reading import check_readable, read_task
+from sb3_bruno.task_names import task_title
 
 SLOW_STEPS = 20
 """So many steps of each task are in slow motion, in which the agent finds it out."""

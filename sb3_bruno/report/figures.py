@@ -10,7 +10,6 @@ import pandas as pd
 
 from sb3_bruno.evaluation.band import Band
 from sb3_bruno.evaluation.interquartile import interquartile_mean
-from sb3_bruno.evaluation.task_names import ALL_TASKS
 from sb3_bruno.plotting.dots import Dots, plot_dots
 from sb3_bruno.plotting.names import ORACLE
 from sb3_bruno.plotting.style import FIRST_STEPS, plot_bands
@@ -25,6 +24,7 @@ from sb3_bruno.report.methods import (
 )
 from sb3_bruno.report.task_axis import task_axis, task_bands
 from sb3_bruno.runs.record import RunRecord
+from sb3_bruno.task_names import ALL_TASKS
 
 Panels = dict[str, dict[str, Band]]
 """For each title, the bands by the name of their method."""

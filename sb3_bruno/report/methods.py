@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sb3_bruno.evaluation.task_names import ALL_TASKS, pooled_title, task_title
 from sb3_bruno.plotting.names import choices, method_name
 from sb3_bruno.runs.record import RunRecord
+from sb3_bruno.task_names import ALL_TASKS, pooled_title, task_title
 
 Methods = dict[str, list[RunRecord]]
 """The runs of each method, one per seed, by its name."""

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from sb3_bruno.evaluation.band import Band
-from sb3_bruno.evaluation.task_names import FEW_TASKS
 from sb3_bruno.report.methods import Methods, config_of, every_run
+from sb3_bruno.task_names import FEW_TASKS
 
 _VALUE = re.compile(r"(-?\d+(?:\.\d+)?(?:e[+-]?\d+)?)(?: (\D.{0,20}))?")
 

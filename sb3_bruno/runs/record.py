@@ -15,10 +15,10 @@ import pandas as pd
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
 from sb3_bruno.evaluation.eval_callback import LearningCurve, load_learning_curve
 from sb3_bruno.evaluation.floats import mean_of_known
-from sb3_bruno.evaluation.task_names import ALL_TASKS, FEW_TASKS, task_label
 from sb3_bruno.files.whole import whole_files
 from sb3_bruno.runs.clock import TrainingClock
 from sb3_bruno.runs.kept_test import check_config, check_record, find_test
+from sb3_bruno.task_names import ALL_TASKS, FEW_TASKS, task_label
 
 HORIZONS = (200, 1_000)
 """Steps after which the final test's returns are kept too: the paper's, for its curves and for its test."""

@@ -10,8 +10,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from sb3_bruno.evaluation.task_names import task_labels
 from sb3_bruno.runs.record import RunRecord
+from sb3_bruno.task_names import task_labels
 
 Naming = Callable[[Any], str | None]
 

@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNorm
 
 from sb3_bruno import BrunoSAC, Transitions
 from sb3_bruno.algorithms.readout_training import LEARNING_RATE, N_STEPS, N_TO_SETTLE, _draw_columns
-from sb3_bruno.algorithms.task_estimate import TaskEstimate, TaskLabels
+from sb3_bruno.algorithms.task_estimate import TaskEstimate, TaskLabels, few_tasks, read_labels
 from sb3_bruno.export import load_agent, save_agent
 from sb3_bruno_envs import MetaTask, PointDirEnv, TaskSampler, TransitionObservation
 from support.tiny_models import EACH_KIND, POINT, TINY, TINY_ENCODER, TRIAL
@@ -218,11 +218,16 @@ def test_columns_are_prefixes_that_the_row_has():
     assert (counts[:, 3:] == 1).all()
 
 
-def pendulum(tasks):
+def pendulum(tasks, **kwargs):
     def set_gravity(env, task):
         env.g = float(task[0])
 
-    return lambda: TransitionObservation(MetaTask(gym.make("Pendulum-v1", max_episode_steps=20), set_gravity, tasks))
+    def make():
+        return TransitionObservation(
+            MetaTask(gym.make("Pendulum-v1", max_episode_steps=20), set_gravity, tasks, **kwargs)
+        )
+
+    return make
 
 
 @pytest.mark.parametrize("endless", [False, True])
@@ -278,3 +283,27 @@ def test_a_name_stays_on_its_line():
     env = MetaTask(PointDirEnv(), PointDirEnv.set_task, [[-1.0, 0.0], [1.0, 0.0]], name_task=name_task)
     model = BrunoSAC("MlpPolicy", TransitionObservation(env), **TINY, **TINY_ENCODER["bruno"])
     assert model.task_labels.tasks == ("left turn", "r" * 100)
+
+
+def labels_of(tasks, name_task=None):
+    env = DummyVecEnv([pendulum(tasks, name_task=name_task)])
+    return read_labels(env, few_tasks(env)).tasks
+
+
+def test_tasks_that_share_a_name_are_told_apart_as_in_logs():
+    near = [[9.79], [9.81], [12.0]]
+    assert labels_of(near, lambda task: f"{task[0]:.1f}") == ("9.8 (9.79)", "9.8 (9.81)", "12.0")
+    assert labels_of([[1.0], [1.0000001]], lambda task: "a") == ("a (1) #0", "a (1) #1")
+    assert labels_of([[1.0], [1.0000001]]) == ("(1 #0)", "(1 #1)")
+    assert labels_of([[1.0, 0.0], [0.0, 1.0]]) == ("(1, 0)", "(0, 1)")
+    longer = labels_of(near, lambda task: "r" * 150 + str(task[0]))  # they differ after what is kept
+    assert len(set(longer)) == 3 and all(len(label) < 120 for label in longer)
+
+
+def test_the_longest_names_are_saved_and_loaded(tmp_path):
+    tasks = [[-1.23456e8 - i * 1e3] * 8 for i in range(3)]
+    env = DummyVecEnv([pendulum(tasks, name_task=lambda task: "r" * 150)])
+    model = BrunoSAC("MlpPolicy", env, **TINY, **TINY_ENCODER["bruno"])
+    assert len(set(model.task_labels.tasks)) == 3
+    save_agent(model, tmp_path / "model.agent")
+    assert load_agent(tmp_path / "model.agent", device="cpu").task_labels == model.task_labels

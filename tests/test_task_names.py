@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sb3_bruno.evaluation.task_names import log_key, pooled_title, task_label, task_labels, task_title
+from sb3_bruno.task_names import log_key, pooled_title, task_label, task_labels, task_title
 
 
 def test_task_labels() -> None:
