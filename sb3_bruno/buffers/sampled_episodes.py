@@ -46,5 +46,5 @@ def sample_episodes(
     rows, tasks = buffer.episode_rows(n_episodes, bounded=bounded, rng=rng)
     held = buffer.tasks.held()
     spared = held[spared_tasks(buffer.tasks.tasks(held), buffer.tasks.checksums(held))]
-    is_spared = np.isin([buffer.tasks.find(task) for task in tasks], spared)
+    is_spared = np.isin(np.array([buffer.tasks.find(task) for task in tasks], dtype=np.int64), spared)
     return SampledEpisodes(buffer.sequences(rows, tasks, env), rows.is_read, is_spared)

@@ -13,7 +13,7 @@ from sb3_bruno.diagnostics.figure import draw_diagnostics, plot_diagnostics
 from sb3_bruno.diagnostics.result import Diagnostics
 from sb3_bruno.diagnostics.verdict import TRUE_TASK, verdict
 from sb3_bruno.evaluation.adaptation_result import AdaptationResult
-from sb3_bruno.evaluation.task_names import task_title
+from sb3_bruno.task_names import task_title
 
 
 def diagnostics_of(n_tasks: int, quantities: int = 1, outside_bound: float | None = None) -> Diagnostics:
