@@ -132,6 +132,7 @@ class Page:
                 self._scene.update(jumps=True)
                 self._scene.draw(1.0)
         self._panel.show(self._moment)
+        self._readout.show()
 
     def _try(self, act: Callable[[], None], failure: str) -> None:
         """Do something. If it fails, tell all visitors why; an agent that cannot go on pauses."""

@@ -24,7 +24,6 @@ class Readout:
 
     def __init__(self, gui: viser.GuiApi, session: Session) -> None:
         self._session, self._n_steps = session, 0
-        self._task = session.task
         self._words = gui.add_html(page_part(session.no_readout))
         self._belief = None if session.estimate is None else _belief_chart(gui, session.estimate)
         self._reward = Chart(gui, "Reward of each step", [Line(INK)])
@@ -38,7 +37,6 @@ class Readout:
     def add(self, moment: Moment) -> None:
         """Take in one more step."""
         self._n_steps += 1
-        self._task = moment.task
         self._reward.add(self._n_steps, [moment.reward])
         if self._surprise is not None:
             threshold = self._session.forget_threshold or 0.0
@@ -47,12 +45,12 @@ class Readout:
             self._belief.add(self._n_steps, chart_row(moment.estimate, moment.task, _MOST_NUMBERS))
 
     def show(self) -> None:
-        """Show the last steps."""
+        """Show the last steps, and what the agent takes for the task that there is now."""
         for chart in (self._belief, self._reward, self._surprise):
             if chart is not None:
                 chart.show()
         if self._session.estimate is not None:
-            self._words.content = told(self._session.estimate, self._task)
+            self._words.content = told(self._session.estimate, self._session.task)
 
 
 def _belief_chart(gui: viser.GuiApi, prior: TaskEstimate) -> Chart:

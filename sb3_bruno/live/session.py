@@ -59,7 +59,8 @@ class Session:
         deterministic: whether the actor's mode is taken instead of a sample.
         is_paused: whether whoever calls ``step`` should wait.
         n_episodes: how many have begun.
-        estimate: what the agent took the task for when it last acted, at first its prior; None without a read-out.
+        estimate: what the agent took the task for when it last acted, before the first step of an episode its prior;
+            None without a read-out.
         no_readout: why there is none; "" if there is one.
     """
 
@@ -69,18 +70,21 @@ class Session:
         self.model, self.env = model, env
         self.deterministic, self.is_paused, self.speed = True, False, 1.0
         self.n_episodes = 0
+        self._prior: TaskEstimate | None = None  # until the first episode has begun
         self._vec_normalize = vec_normalize
         self._rng = np.random.default_rng(seed)
         set_random_seed(seed)
         self._begin(env.reset(seed=seed))
         if self.can_forget and self.forget_threshold is None:
             self.forget_threshold = NATS
-        self.estimate, self.no_readout = self._try_readout()
+        self._prior, self.no_readout = self._try_readout()
+        self.estimate = self._prior
 
     def _begin(self, shown: tuple[Any, dict[str, Any]]) -> None:
         self._observation, self._info = shown
         self._state: Any = None
         self._is_over = False
+        self.estimate = self._prior
         self._n_steps, self._return = 0, 0.0
         self.n_episodes += 1
 

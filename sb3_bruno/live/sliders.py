@@ -23,7 +23,7 @@ def move(slider: Slider, value: float) -> None:
 
 def round_step(width: float) -> float:
     """Return a round step that divides a range into a hundred parts or more: 0.01 of a range of 3."""
-    return 10.0 ** math.floor(math.log10(width / 100.0)) if width > 0 else 1.0
+    return 10.0 ** math.floor(math.log10(width / 100.0))
 
 
 def rounded(value: float, step: float) -> float:

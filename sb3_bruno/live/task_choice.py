@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple, TypeAlias
 
 import gymnasium as gym
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno.algorithms.task_estimate import FEW_TASKS
 from sb3_bruno.task_names import task_labels
-from sb3_bruno.zoo.environments import tasks_of
+from sb3_bruno.zoo.environments import distribution_of, tasks_of
 
 
 class FewTasks(NamedTuple):
@@ -21,7 +22,7 @@ class FewTasks(NamedTuple):
 
 
 class Direction(NamedTuple):
-    """A unit vector of the plane, by its angle in degrees between two bounds."""
+    """A unit vector of the plane, by its angle in degrees between two bounds: 150 and 210 are those around the left."""
 
     low: float
     high: float
@@ -31,8 +32,10 @@ class Direction(NamedTuple):
         return np.array([np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))], dtype=np.float32)
 
     def degrees(self, task: ArrayLike) -> float:
-        """Return the angle of a task, within the bounds."""
-        return float(np.clip(_angles(np.asarray(task)), self.low, self.high))
+        """Return the angle of a task, or the nearer of the bounds."""
+        middle = (self.low + self.high) / 2
+        beside = math.remainder(_angles(np.asarray(task)).item() - middle, 360.0)
+        return min(max(middle + beside, self.low), self.high)
 
 
 class Entries(NamedTuple):
@@ -46,6 +49,8 @@ class Entries(NamedTuple):
 class OnlyDrawn(NamedTuple):
     """Nothing to choose by: tasks have no bounds."""
 
+
+_ALL_AROUND = 60.0  # degrees without a task, at most, where tasks go all around
 
 TaskChoice: TypeAlias = FewTasks | Direction | Entries | OnlyDrawn
 
@@ -63,15 +68,32 @@ def find_choice(env: gym.Env[Any, Any]) -> TaskChoice | None:
     if 1 <= len(known) <= FEW_TASKS:
         return FewTasks(known, task_labels(known, _names(env, known))) if len(known) > 1 else None
     if len(train) and train.shape[1] == 2 and np.allclose(np.linalg.norm(train, axis=1), 1.0, atol=1e-3):
-        angles = _angles(train)
-        all_around = np.ptp(angles) > 300.0
-        return Direction(-180.0, 180.0) if all_around else Direction(float(angles.min()), float(angles.max()))
+        return _directions(_angles(train))
     return _entries(env, train)
+
+
+def can_draw(env: gym.Env[Any, Any]) -> bool:
+    """Return whether the environment draws tasks, by a ``task_distribution``."""
+    return hasattr(distribution_of(env), "draw")
+
+
+def _directions(angles: NDArray[np.float64]) -> Direction:
+    """Bound directions by the largest gap between them, or by nothing if they go all around.
+
+    Example: 150, 170 and -150 degrees have a gap of 300 degrees behind -150, so they lie between 150 and 210.
+    """
+    angles = np.sort(angles)
+    gaps = np.diff(angles, append=angles[0] + 360.0)  # behind each
+    last = int(gaps.argmax())
+    if gaps[last] < _ALL_AROUND:
+        return Direction(-180.0, 180.0)
+    low = float(angles[(last + 1) % len(angles)])
+    return Direction(low, low + 360.0 - float(gaps[last]))
 
 
 def _entries(env: gym.Env[Any, Any], train: NDArray[np.float32]) -> Entries | OnlyDrawn:
     """Bound each number by the training box, or where there is none by the space, or by the tasks themselves."""
-    box = getattr(env.get_wrapper_attr("task_distribution"), "train_box", env.get_wrapper_attr("task_space"))
+    box = getattr(distribution_of(env), "train_box", env.get_wrapper_attr("task_space"))
     low, high = box.low.astype(np.float64), box.high.astype(np.float64)
     if len(train):
         low = np.where(np.isfinite(low), low, train.min(axis=0))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sb3_bruno.live.session import Session
 from sb3_bruno.live.sliders import Slider, move, round_step, rounded, value_of
-from sb3_bruno.live.task_choice import Direction, Entries, FewTasks, find_choice
+from sb3_bruno.live.task_choice import Direction, Entries, FewTasks, OnlyDrawn, can_draw, find_choice
 from sb3_bruno.live.words import place_of
 
 Do = Callable[[Callable[[], None]], None]
@@ -31,7 +31,8 @@ def add_task_controls(gui: viser.GuiApi, session: Session, do: Do) -> Show:
         do: takes what is to be done between two steps.
     """
     choice = find_choice(session.env)
-    if choice is None or session.task is None:
+    draws = can_draw(session.env)
+    if choice is None or session.task is None or (isinstance(choice, OnlyDrawn) and not draws):
         return _show_nothing
     with gui.add_folder("Hidden task"):
         if isinstance(choice, FewTasks):
@@ -41,7 +42,8 @@ def add_task_controls(gui: viser.GuiApi, session: Session, do: Do) -> Show:
             show = _add_angle(gui, session, do, choice)
         elif isinstance(choice, Entries):
             show = _add_sliders(gui, session, do, choice)
-        gui.add_button("Draw a test task").on_click(lambda event: do(session.draw_task))
+        if draws:
+            gui.add_button("Draw a test task").on_click(lambda event: do(session.draw_task))
     return show
 
 
@@ -73,15 +75,21 @@ def _add_angle(gui: viser.GuiApi, session: Session, do: Do, choice: Direction) -
 
 
 def _add_sliders(gui: viser.GuiApi, session: Session, do: Do, choice: Entries) -> Show:
-    """Add a slider for each number of the task."""
-    sliders = []
-    for label, low, high in zip(choice.labels, choice.low, choice.high, strict=True):
+    """Add a slider for each number of the task that is not the same in all."""
+    sliders, places = [], np.flatnonzero(choice.low < choice.high)
+    for place in places:
+        label, low, high = choice.labels[place], choice.low[place], choice.high[place]
         step = round_step(high - low)
         bound = rounded(low, step)
         sliders.append(gui.add_slider(label, bound, rounded(high, step), step, bound))
 
-    drags = _Drags(sliders, do, lambda values: session.set_task(np.clip(values, choice.low, choice.high)))
-    return lambda task: drags.show(task.tolist())
+    def obey(values: list[float]) -> None:
+        task = choice.low.copy()
+        task[places] = values
+        session.set_task(np.clip(task, choice.low, choice.high))
+
+    drags = _Drags(sliders, do, obey)
+    return lambda task: drags.show(task[places].tolist())
 
 
 class _Drags:

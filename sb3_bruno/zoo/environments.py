@@ -73,6 +73,11 @@ def takes(env_id: str, *names: str) -> bool:
     return set(names) <= _signature(_creator(env_id)).keys()
 
 
+def distribution_of(env: gym.Env[Any, Any]) -> Any:
+    """Return an environment's ``task_distribution``, through its wrappers; None if it draws tasks in its own way."""
+    return env.get_wrapper_attr("task_distribution") if env.has_wrapper_attr("task_distribution") else None
+
+
 def tasks_of(env: gym.Env[Any, Any], split: str) -> NDArray[np.float32]:
     """List the tasks of a split, ``(n_tasks, task_dim)``; none if the environment has no list of them.
 
@@ -80,8 +85,7 @@ def tasks_of(env: gym.Env[Any, Any], split: str) -> NDArray[np.float32]:
         env: the environment, which may have a ``task_distribution``, through its wrappers.
         split: "train" or "test".
     """
-    distribution = env.get_wrapper_attr("task_distribution") if env.has_wrapper_attr("task_distribution") else None
-    list_tasks = getattr(distribution, "tasks", None)  # a distribution of endless tasks has no list
+    list_tasks = getattr(distribution_of(env), "tasks", None)  # a distribution of endless tasks has no list
     if not callable(list_tasks):
         return np.zeros((0, 0), dtype=np.float32)
     return np.asarray(list_tasks(split), dtype=np.float32)

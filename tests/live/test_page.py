@@ -1,6 +1,8 @@
 """The page stays as it is where another agent cannot be shown, and says what is no picture."""
 
+import re
 from contextlib import contextmanager
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -8,9 +10,11 @@ import pytest
 import viser
 from stable_baselines3 import SAC
 
+from sb3_bruno import BrunoSAC
 from sb3_bruno.live.page import Page
 from sb3_bruno.live.picture import PictureScene
 from sb3_bruno.live.session import Session
+from support.tiny_models import POINT, tiny
 
 ODD = {
     "nothing": None,
@@ -62,6 +66,26 @@ def test_an_agent_that_cannot_be_shown_leaves_the_page_as_it_is(model):
         page._go_on()  # and acts on
         page._open("good")  # which it shows already
         assert page.session is shown
+    finally:
+        page.server.stop()
+
+
+def test_a_page_that_is_paused_shows_what_there_is_now():
+    session = Session(BrunoSAC("MlpPolicy", POINT, **tiny(BrunoSAC)), gym.make(POINT))
+    page = Page(["point"], lambda name: session, "point", port=8431)
+    try:
+        session.set_task([1.0, 0.0])
+        for _ in range(5):
+            page._readout.add(session.step())
+        page._obey(partial(setattr, session, "is_paused", True))
+        assert re.search(r"right [\d.]+ ◂ true", page._readout._words.content)
+        page._obey(partial(session.set_task, [-1.0, 0.0]))
+        assert "left" in page._panel._task.content
+        assert re.search(r"left [\d.]+ ◂ true", page._readout._words.content)
+        before = page._readout._words.content
+        page._obey(session.reset)
+        prior = dict(zip(session.estimate.labels.tasks, session.estimate.probabilities[0], strict=True))
+        assert f"left {prior['left']:.2f} ◂ true" in page._readout._words.content != before
     finally:
         page.server.stop()
 

@@ -55,6 +55,15 @@ def test_the_next_episode_has_the_same_task_and_begins_from_the_prior(model):
     assert first.surprise is None and first.episode_return == first.reward
 
 
+def test_an_episode_begins_with_the_prior_before_its_first_step(model):
+    session = opened(model)
+    prior = session.estimate
+    steps(session, 5)
+    assert session.estimate is not prior is not None
+    session.reset()
+    assert session.estimate is prior
+
+
 def test_the_task_changes_at_the_next_step_and_nothing_else_does(model):
     session = opened(model)
     session.set_task(RIGHT)
@@ -194,8 +203,10 @@ class AtReset(PointDirEnv):
 def test_an_env_that_takes_its_task_at_a_reset_begins_an_episode(model):
     env = TransitionObservation(MetaTask(AtReset(), AtReset.set_task, [RIGHT, LEFT]))
     session = Session(model, env)
+    prior = session.estimate
     steps(session, 4)
     session.set_task(LEFT)
+    assert session.estimate is prior
     assert session.n_episodes == 2 and session.step()[:1] == (1,) and session.task.tolist() == LEFT
 
 

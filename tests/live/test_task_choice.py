@@ -6,7 +6,7 @@ import pytest
 from gymnasium.spaces import Box
 
 import sb3_bruno_envs
-from sb3_bruno.live.task_choice import Direction, Entries, FewTasks, OnlyDrawn, find_choice
+from sb3_bruno.live.task_choice import Direction, Entries, FewTasks, OnlyDrawn, can_draw, find_choice
 from sb3_bruno_envs import MetaTask, PointDirEnv, TaskSampler, TaskSet
 from sb3_bruno_envs.registration import FAMILIES
 
@@ -73,6 +73,41 @@ def test_a_direction_is_an_angle_within_those_of_training():
     assert (choice.low, choice.high) == pytest.approx((10.0, 100.0), abs=1e-3)
     np.testing.assert_allclose(choice.task(90.0), [0.0, 1.0], atol=1e-6)
     assert choice.degrees([0.0, -1.0]) == pytest.approx(10.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("low", "high"), [(150.0, 210.0), (120.0, 240.0), (-30.0, 30.0), (90.0, 270.0), (-180.0, 0.0)])
+def test_directions_are_bounded_on_the_circle(low, high):
+    angles = np.deg2rad(np.linspace(low, high, 12))
+    choice = find_choice(tasked(np.stack([np.cos(angles), np.sin(angles)], axis=1), task_space=Box(-1.0, 1.0, (2,))))
+    turns = round((choice.low - low) / 360.0) * 360.0
+    assert (choice.low, choice.high) == pytest.approx((low + turns, high + turns), abs=1e-3)
+    for degrees in (low, (low + high) / 2, high):
+        task = choice.task(degrees)
+        np.testing.assert_allclose(choice.task(choice.degrees(task)), task, atol=1e-4)
+    for degrees, bound in ((low - 20.0, choice.low), (high + 20.0, choice.high)):
+        assert choice.degrees(choice.task(degrees)) == pytest.approx(bound, abs=1e-3)
+
+
+@pytest.mark.parametrize("n", [9, 12])
+def test_directions_all_around_have_no_bounds(n):
+    angles = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
+    tasks = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    assert find_choice(tasked(tasks, task_space=Box(-1.0, 1.0, (2,)))) == Direction(-180.0, 180.0)
+
+
+class Own(PointDirEnv):
+    """Has a hidden task of its own, without a distribution that draws it."""
+
+    def __init__(self, high):
+        super().__init__()
+        self.task_space = Box(0.0, high, (2,))
+
+
+def test_an_env_that_draws_tasks_itself_is_bounded_by_its_space():
+    choice = find_choice(Own(2.0))
+    assert (choice.low.tolist(), choice.high.tolist(), choice.labels) == ([0.0, 0.0], [2.0, 2.0], ["x", "y"])
+    assert find_choice(Own(np.inf)) == OnlyDrawn()
+    assert not can_draw(Own(2.0)) and can_draw(tasked(sampled(-1.0, 2.0)))
 
 
 def test_endless_tasks_are_bounded_by_their_space():

@@ -6,9 +6,11 @@ from types import SimpleNamespace
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.spaces import Box
 
 import sb3_bruno_envs
 from sb3_bruno.live.task_controls import add_task_controls
+from sb3_bruno_envs import MetaTask, PointDirEnv
 
 VISITOR, NOBODY = SimpleNamespace(client="a visitor"), SimpleNamespace(client=None)
 
@@ -45,9 +47,9 @@ class Gui:
 class Session:
     """Keeps the task, and refuses one whose first number is above 2.9."""
 
-    def __init__(self, env_id):
+    def __init__(self, env):
         assert sb3_bruno_envs
-        self.env = gym.make(env_id)
+        self.env = gym.make(env) if isinstance(env, str) else env
         self.task = np.asarray(self.env.reset(seed=0)[1]["task"])
 
     def set_task(self, task):
@@ -63,8 +65,8 @@ class Session:
 def page():
     """Make the controls of an environment; what they ask for waits in a list."""
 
-    def make(env_id):
-        gui, session, asked = Gui(), Session(env_id), []
+    def make(env):
+        gui, session, asked = Gui(), Session(env), []
         return gui.controls, session, asked, add_task_controls(gui, session, asked.append)
 
     return make
@@ -148,6 +150,37 @@ def test_sliders_have_round_steps_and_bounds(page):
     cart, pole = controls["cart (kg)"], controls["pole (m)"]
     assert (cart.min, cart.max, cart.step) == (0.5, 2.5, 0.01)
     assert (pole.min, pole.max, pole.step) == (0.25, 0.75, 0.001)
+
+
+def test_a_number_that_is_the_same_in_all_tasks_has_no_slider(page):
+    tasks = np.stack([np.linspace(0.5, 2.0, 12), np.full(12, 0.35), np.linspace(-1.0, 0.0, 12)], axis=1)
+    env = MetaTask(PointDirEnv(), lambda env, task: None, tasks, task_entries=[("a", ""), ("b", ""), ("c", "")])
+    controls, session, asked, show = page(env)
+    assert list(controls) == ["a", "c", "Draw a test task"]
+    controls["c"].drag(-0.25)
+    asked.pop()()
+    np.testing.assert_allclose(session.task, [controls["a"].value, 0.35, -0.25])
+    show(np.array([1.5, 0.35, -0.5]))
+    assert (controls["a"].value, controls["c"].value) == (1.5, -0.5)
+
+
+class Own(gym.Env):
+    """Draws its hidden task itself."""
+
+    observation_space = action_space = Box(-1.0, 1.0, (1,))
+
+    def __init__(self, high):
+        self.task_space = Box(0.0, high, (1,))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return np.zeros(1, np.float32), {"task": self.np_random.uniform(0.0, 2.0, 1)}
+
+
+@pytest.mark.parametrize(("high", "labels"), [(2.0, ["task[0]"]), (np.inf, [])])
+def test_what_draws_its_task_itself_has_no_button_for_it(page, high, labels):
+    controls, *_ = page(Own(high))
+    assert list(controls) == labels
 
 
 def test_what_has_no_task_has_no_controls():
