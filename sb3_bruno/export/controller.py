@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ class Controller:
 
     Args:
         path: the ``.onnx`` file that ``model.export`` wrote.
-        seed: of the noise of an encoder that samples. None: a random one; other agents draw nothing.
+        seed: of the noise of an encoder that samples, 0 or more. None: a random one; other agents draw nothing.
         n_threads: of onnxruntime, 1 or more. One is fastest for networks of this size, and leaves the others alone.
 
     Attributes:
@@ -38,8 +39,8 @@ class Controller:
             None if the agent predicts nothing.
 
     Raises:
-        ValueError: if the file is no agent exported by this package, or by a later version of it; or ``n_threads`` is
-            no positive number.
+        ValueError: if the file is no agent exported by this package, or by a later version of it; or ``seed`` or
+            ``n_threads`` is no such number.
 
     Example:
         >>> controller = Controller("agent.onnx")
@@ -49,7 +50,11 @@ class Controller:
     """
 
     def __init__(self, path: str | Path, *, seed: int | None = None, n_threads: int = 1) -> None:
-        if isinstance(n_threads, bool) or not isinstance(n_threads, int | np.integer) or n_threads < 1:
+        if not isinstance(path, str | os.PathLike):
+            raise ValueError(f"`path={path!r}` is no path: {GIVE}.")
+        if seed is not None and not _is_count(seed, 0):
+            raise ValueError(f"`seed={seed!r}` is no whole number of 0 or more: give one, or None for a random one.")
+        if not _is_count(n_threads, 1):
             raise ValueError(f"`n_threads={n_threads!r}` is no positive whole number: give 1, or more cores.")
         self.path, self._n_threads = Path(path).absolute(), n_threads
         self._session = _open(self.path, n_threads)
@@ -144,6 +149,10 @@ class Controller:
             inputs["noise"] = np.asarray(self._generator.standard_normal(inputs["noise"].shape), np.float32)
         if start == NEW_TASK:
             self.surprise, self._told = None, {}
+
+
+def _is_count(given: object, least: int) -> bool:
+    return isinstance(given, int | np.integer) and not isinstance(given, bool) and given >= least
 
 
 def _open(path: Path, n_threads: int) -> onnxruntime.InferenceSession:

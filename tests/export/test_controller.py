@@ -192,6 +192,19 @@ def test_threads_are_a_positive_number(exported, n_threads):
         Controller(exported / "agent.onnx", n_threads=n_threads)
 
 
+@pytest.mark.parametrize("seed", [-1, "x", 1.0, True, np.int64(-3), [1, 2]])
+def test_a_seed_is_a_whole_number(exported, seed):
+    with pytest.raises(ValueError, match=r"`seed=.*` is no whole number of 0 or more: give one, or None"):
+        Controller(exported / "agent.onnx", seed=seed)
+    assert Controller(exported / "agent.onnx", seed=np.int64(3)).act([0.1, 0.2]).shape == (2,)
+
+
+@pytest.mark.parametrize("path", [None, 5, b"agent.onnx", ["agent.onnx"]])
+def test_a_path_is_a_text_or_a_path(path):
+    with pytest.raises(ValueError, match=r"`path=.*` is no path: give the .onnx file that `model.export` wrote"):
+        Controller(path)
+
+
 def test_a_copy_goes_on_where_the_controller_was(controller):
     for _ in range(3):
         controller.act([0.1, 0.2], 1.0)
