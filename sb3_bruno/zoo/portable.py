@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import OrderedDict
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -12,36 +13,52 @@ import yaml
 from sb3_bruno.runs.origin import load_command
 from sb3_bruno.zoo.saved_yaml import read_saved
 
+_INSIDE = r"(?<![\w./\\~-])"  # not in a relative path or a word: behind a blank, a quote, `=`, `:` or nothing
+_ABSOLUTE = re.compile(
+    rf"""(?:(?<=:///)|(?<=file://)      # behind an address's scheme
+      | {_INSIDE}[A-Z]:/                # a drive of Windows; a:/b is an entry called a
+      | {_INSIDE}[A-Za-z]:\\
+      | {_INSIDE}\\\\(?=\w)             # another computer
+      | {_INSIDE}~[\w.-]*[/\\]          # a home
+      | (?:{_INSIDE}|(?<=^-[A-Za-z]))   # -f/home is a short flag with its value
+        (?!(?<=:)//)/+(?=[^\s/])        # but no https://
+    )
+    (?:(?!\s+[-/~])[^'"`,;<>|()\[\]{{}}\n])+  # blanks may be part of it, but no further flag or path
+    """,
+    re.VERBOSE,
+)
 
-def copy_arguments(source: Path, target: Path) -> None:
-    """Write the ``args.yml`` of a run with names for folders.
+
+def copy_settings(source: Path, target: Path) -> None:
+    """Write the ``args.yml`` or ``config.yml`` of a run with names for files and folders.
 
     Raises:
         ValueError: if it cannot be read.
     """
-    arguments = OrderedDict((name, _named(value)) for name, value in read_saved(source).items())
-    target.write_text(yaml.dump(arguments), encoding="utf-8")
+    target.write_text(yaml.dump(OrderedDict(without_places(read_saved(source)))), encoding="utf-8")
 
 
 def copy_origin(source: Path, target: Path) -> None:
-    """Write the origin of a run with names for folders in its command.
+    """Write the origin of a run with names for files and folders.
 
     Raises:
         ValueError: if it cannot be read.
     """
-    command = load_command(source.parent)
-    origin = {**json.loads(source.read_text(encoding="utf-8")), "command": _named(command)}
+    load_command(source.parent)  # which refuses what has none
+    origin = without_places(json.loads(source.read_text(encoding="utf-8")))
     target.write_text(json.dumps(origin, indent=1) + "\n", encoding="utf-8")
 
 
-def _named(value: Any) -> Any:
-    """Return a value in which an absolute path is its last part: who made an agent may keep to himself where."""
-    if isinstance(value, list):
-        return [_named(part) for part in value]
-    if not isinstance(value, str):
-        return value
-    before, mark, said = value.rpartition(":///" if ":///" in value else "=")
-    kinds = (PurePosixPath, PureWindowsPath)
-    if mark == ":///" or said.startswith("~") or any(kind(said).is_absolute() for kind in kinds):
-        said = PureWindowsPath(said).name  # which knows both kinds of strokes
-    return f"{before}{mark}{said}"
+def without_places(value: Any) -> Any:
+    """Return a value in which absolute paths are their last parts: who made an agent may keep to himself where.
+
+    Args:
+        value: a text, or what holds texts, however deep.
+    """
+    if isinstance(value, str):
+        return _ABSOLUTE.sub(lambda found: re.split(r"[/\\]+", found[0].rstrip("/\\ "))[-1], value)
+    if isinstance(value, dict):
+        return type(value)((without_places(name), without_places(entry)) for name, entry in value.items())
+    if isinstance(value, list | tuple | set):
+        return type(value)(map(without_places, value))
+    return value

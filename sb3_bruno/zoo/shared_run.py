@@ -19,7 +19,7 @@ from sb3_bruno.runs.folder import AGENT_FILE
 from sb3_bruno.runs.origin import ORIGIN, load_command
 from sb3_bruno.runs.record import RunRecord
 from sb3_bruno.zoo.called import with_names
-from sb3_bruno.zoo.portable import copy_arguments, copy_origin
+from sb3_bruno.zoo.portable import copy_origin, copy_settings, without_places
 from sb3_bruno.zoo.registry import ALGORITHMS
 from sb3_bruno.zoo.saved_run import SavedRun
 from sb3_bruno.zoo.trained import TrainedAgent
@@ -53,8 +53,8 @@ def pack(agent: TrainedAgent, out: Path, record: Path | None) -> Path:
     try:
         model._vec_normalize_env = agent.vec_normalize
         save_agent(model, folder / f"{env}{AGENT_FILE}")
-        copy_arguments(agent.folder / env / "args.yml", folder / env / "args.yml")
-        shutil.copyfile(agent.folder / env / "config.yml", folder / env / "config.yml")
+        for name in ("args.yml", "config.yml"):
+            copy_settings(agent.folder / env / name, folder / env / name)
         has_origin = (agent.folder / ORIGIN).is_file()
         if has_origin:
             copy_origin(agent.folder / ORIGIN, folder / ORIGIN)
@@ -62,7 +62,7 @@ def pack(agent: TrainedAgent, out: Path, record: Path | None) -> Path:
             if source.is_file():
                 shutil.copyfile(source, folder / name)
         card = write_card(
-            known,
+            known._replace(about=without_places(known.about)),
             load_command(folder) if has_origin else (),
             class_name=type(model).__name__,
             has_picture=picture.is_file(),
