@@ -152,7 +152,7 @@ class Controller:
 
 
 def _is_count(given: object, least: int) -> bool:
-    return isinstance(given, int | np.integer) and not isinstance(given, bool) and given >= least
+    return isinstance(given, int | np.integer) and not isinstance(given, bool) and int(given) >= least
 
 
 def _open(path: Path, n_threads: int) -> onnxruntime.InferenceSession:
