@@ -109,7 +109,7 @@ def test_where_it_was_made_stays_at_home(trained):
     assert not [name for name, content in packed.items() if str(trained).encode() in content]
     assert read_saved(trained / PACKED / "PointDir-v0" / "args.yml")["log_folder"] == "logs"
     assert b" -f logs " in packed["README.md"]
-    assert b"policy\\_kwargs.weights=weights.pt" in packed["README.md"]
+    assert b" policy_kwargs.weights=weights.pt," in packed["README.md"]
     assert read_saved(trained / PACKED / "PointDir-v0" / "config.yml")["policy_kwargs"] == {"weights": "weights.pt"}
 
 
