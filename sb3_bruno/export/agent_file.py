@@ -7,6 +7,7 @@ is built by its algorithm's constructor, from plain arguments that the construct
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 
 import safetensors.torch
@@ -15,6 +16,7 @@ from stable_baselines3.common.base_class import maybe_make_env
 from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.common.utils import check_for_correct_spaces
 from stable_baselines3.common.vec_env import unwrap_vec_normalize
+from torch import Tensor
 
 from sb3_bruno.algorithms.checks import read_task_space
 from sb3_bruno.algorithms.task_inference import TaskInference
@@ -30,7 +32,8 @@ from sb3_bruno.files.shown import printable
 def save_agent(model: TaskInference, path: str | Path) -> None:
     """Save what an agent acts with: policy, encoder, the normalisation of its observations, and how it was made.
 
-    Optimisers and replay buffer are not saved: to go on with a training, use checkpoints.
+    Optimisers and replay buffer are not saved: to go on with a training, use checkpoints. The agent is loaded again
+    before the file is written, so that what is saved can be loaded.
 
     Args:
         model: the agent, of an algorithm of this package or one that ``register_agent_class`` knows.
@@ -39,14 +42,16 @@ def save_agent(model: TaskInference, path: str | Path) -> None:
     Raises:
         TypeError: if ``model`` is no algorithm with task inference.
         ValueError: if an argument of it is no plain data, such as a function, or a class that has no key; a weight is
-            not finite; or the file cannot be written.
+            not finite; ``load_agent`` would refuse the file, as it does if the agent asks for much memory; or the file
+            cannot be written.
     """
     if not isinstance(model, TaskInference):
         raise TypeError(f"`model={model!r}` is no agent that infers a task: save it by its own `save`.")
     try:
         written, tensors = write_agent(model)
-        data = safetensors.torch.save(tensors)
-        write_archive(Path(path), json.dumps(written, indent=1, allow_nan=False).encode(), data)
+        content = json.dumps(written, indent=1, allow_nan=False).encode(), safetensors.torch.save(tensors)
+        _load_again(*content)
+        write_archive(Path(path), *content)
     except OSError as error:
         raise ValueError(
             f"`path={str(path)!r}` cannot be written ({error.strerror or error}): give another."
@@ -77,9 +82,7 @@ def load_agent(path: str | Path, env: GymEnv | str | None = None, device: th.dev
     if venv is not None and unwrap_vec_normalize(venv) is not None:
         raise ValueError("`env` has a VecNormalize, and the file brings the agent's own: give the env without it.")
     try:
-        written, data = read_archive(Path(path))
-        agent = WrittenAgent.read(read_json(written))
-        tensors = read_tensors(data)
+        agent, tensors = _read(*read_archive(Path(path)))
     except Exception as error:  # a damaged or hostile file may raise anything
         raise _refusal(path, error) from error
     if venv is not None:
@@ -94,10 +97,35 @@ def load_agent(path: str | Path, env: GymEnv | str | None = None, device: th.dev
         raise _refusal(path, error) from error
 
 
+def _read(written: bytes, data: bytes) -> tuple[WrittenAgent, dict[str, Tensor]]:
+    return WrittenAgent.read(read_json(written)), read_tensors(data)
+
+
+def _load_again(written: bytes, data: bytes) -> None:
+    """Build an agent from what its file would hold.
+
+    Raises:
+        ValueError: if ``load_agent`` would refuse it.
+    """
+    try:
+        agent, tensors = _read(written, data)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # they were told when the agent was made
+            agent.build(tensors, None, "cpu")
+    except Exception as error:  # a constructor of the user's own may raise anything
+        remedy = "make it with other settings, such as a smaller encoder, or save it by `model.save` alone"
+        raise ValueError(f"it could not be loaded again, as {_told(error)}: {remedy}") from error
+
+
 def _refusal(path: str | Path, error: Exception) -> ValueError:
+    remedy = "" if isinstance(error, Unknown) else " Get another copy of it."
+    return ValueError(f"{str(path)!r} cannot be loaded as an agent: {_told(error)}.{remedy}")
+
+
+def _told(error: Exception) -> str:
+    """Say in one line why an agent was refused."""
+    if isinstance(error, RecursionError):
+        return "its JSON is nested too deep"
     is_ours = isinstance(error, ValueError) or str(error).startswith("`")  # the name of an argument
     told = str(error) if is_ours else f"{type(error).__name__}: {error}"
-    if isinstance(error, RecursionError):
-        told = "its JSON is nested too deep"
-    remedy = "" if isinstance(error, Unknown) else " Get another copy of it."
-    return ValueError(f"{str(path)!r} cannot be loaded as an agent: {printable(told[:500]).rstrip('.')}.{remedy}")
+    return printable(told[:500]).rstrip(".")

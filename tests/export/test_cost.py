@@ -9,14 +9,16 @@ import pytest
 import torch as th
 import zuko
 
+from sb3_bruno import BrunoSAC
 from sb3_bruno.algorithms.sac import TaskSAC
 from sb3_bruno.encoders import ENCODERS
 from sb3_bruno.export import load_agent, save_agent
 from sb3_bruno.export.arguments import check_arguments
-from sb3_bruno.export.limits import LARGEST_COUNT
+from sb3_bruno.export.limits import LARGEST_COUNT, Budget
+from sb3_bruno.zoo.stored_agent import write_beside
 from support.agent_zips import put, with_json, with_tensors
 from support.hostile_files import MOST_MEMORY
-from support.tiny_models import TINY, make_point
+from support.tiny_models import TINY, make_point, tiny
 
 
 def made(encoder, **encoder_kwargs):
@@ -82,3 +84,63 @@ def test_a_flow_whose_weights_decide_how_long_it_computes_is_not_saved(tmp_path)
     model = made("bruno", flow_class=zuko.flows.CNF)
     with pytest.raises(ValueError, match=r"`encoder_kwargs\.flow_class` is CNF, which an agent file cannot name"):
         save_agent(model, tmp_path / "point.agent")
+
+
+def test_an_agent_whose_memory_is_the_square_of_its_weights_is_loaded(tmp_path):
+    model = BrunoSAC("MlpPolicy", make_point(), **{**tiny(BrunoSAC), "encoder_kwargs": {"n_weights": 400}})
+    save_agent(model, tmp_path / "point.agent")
+    assert load_agent(tmp_path / "point.agent", device="cpu").policy.encoder_kwargs == {"n_weights": 400}
+
+
+@pytest.fixture(scope="module")
+def vast():
+    """An agent that takes gigabytes to act."""
+    return made("bruno", n_weights=4_000)
+
+
+def test_what_could_not_be_loaded_again_is_not_saved(vast, tmp_path):
+    told = r"cannot be saved as '.*vast\.agent': it could not be loaded again, as its settings ask for more memory .*: "
+    with pytest.raises(ValueError, match=told + "make it with other settings.* by `model.save` alone"):
+        save_agent(vast, tmp_path / "vast.agent")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_command_line_then_keeps_the_zip_alone(vast, tmp_path):
+    path = tmp_path / "vast.agent"
+    path.write_text("an older agent")
+    with pytest.warns(UserWarning, match=r"is not written, so there is the zip alone\. .*more memory"):
+        write_beside(vast, path, path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_could_not_be_built_again_is_not_saved(plain, tmp_path, monkeypatch):
+    def fail(self, memory):
+        raise KeyError("belief")
+
+    monkeypatch.setattr(type(plain.policy.encoder), "belief", fail)
+    with pytest.raises(ValueError, match=r"could not be loaded again, as KeyError: 'belief': make it with other"):
+        save_agent(plain, tmp_path / "plain.agent")
+
+
+def test_a_budget_counts_memory_as_long_as_it_is_held():
+    """Of 8 bytes for each that is kept: here 800, which a tensor of 400 bytes and its views leave half free."""
+    with Budget({"kept": th.zeros(25)}, spare=0):
+        held = th.zeros(100)
+        views = [held.view(10, 10).t() for _ in range(5)]
+        for _ in range(10):
+            th.zeros(100)  # which is free again at once
+        with pytest.raises(ValueError, match="more memory or work"):
+            th.zeros(101)
+        del held
+        with pytest.raises(ValueError, match="more memory or work"):
+            th.zeros(101)  # which the views still hold
+        del views
+        th.zeros(200)
+
+
+def test_a_budget_ends_where_memory_is_taken_again_and_again():
+    with Budget({"kept": th.zeros(25)}, spare=0):
+        for _ in range(32):  # 16 times 800 bytes
+            th.zeros(100)
+        with pytest.raises(ValueError, match="more memory or work"):
+            th.zeros(100)
