@@ -6,8 +6,8 @@ import pytest
 from gymnasium.spaces import Box
 
 from sb3_bruno_envs import CheetahDirEnv, MetaTask, PointDirEnv, PointRotationEnv
+from sb3_bruno_envs.read_task import read_direction, read_numbers, read_one_hot
 from sb3_bruno_envs.registration import FAMILIES
-from sb3_bruno_envs.task_numbers import read_direction, read_numbers, read_one_hot
 
 REFUSED = "(?s)task=.*: give "
 NO_DIRECTION = "task=.* is no direction: give two numbers of length 1"

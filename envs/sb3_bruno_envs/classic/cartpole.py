@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.classic.painting import BLUE, GREEN, GREY, blank_image, paint
 from sb3_bruno_envs.family import Family
-from sb3_bruno_envs.task_numbers import read_numbers
+from sb3_bruno_envs.read_task import read_numbers
 from sb3_bruno_envs.tasks import TaskSet
 
 _DT = 0.01  # s

@@ -12,7 +12,7 @@ from sb3_bruno_envs.classic.painting import arrow
 from sb3_bruno_envs.classic.point import PointEnv
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.naming import direction_name
-from sb3_bruno_envs.task_numbers import read_direction
+from sb3_bruno_envs.read_task import read_direction
 from sb3_bruno_envs.tasks import TaskSet
 
 _ACTION_COST = 0.05

@@ -13,7 +13,7 @@ from sb3_bruno_envs.arguments import check_count
 from sb3_bruno_envs.classic.point_mass import PointMassEnv
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.naming import place_name
-from sb3_bruno_envs.task_numbers import read_numbers
+from sb3_bruno_envs.read_task import read_numbers
 from sb3_bruno_envs.tasks import TaskSet
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sb3_bruno_envs.classic.point import PointEnv
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.naming import direction_name
-from sb3_bruno_envs.task_numbers import read_numbers
+from sb3_bruno_envs.read_task import read_numbers
 from sb3_bruno_envs.tasks import TaskSet
 
 EPISODE_STEPS = 20  # just enough to sweep the half circle of goals once

@@ -15,7 +15,7 @@ from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.mujoco.ant import MetaAntEnv
 from sb3_bruno_envs.mujoco.hidden_direction import unit_vectors
 from sb3_bruno_envs.naming import place_name
-from sb3_bruno_envs.task_numbers import read_numbers
+from sb3_bruno_envs.read_task import read_numbers
 from sb3_bruno_envs.tasks import TaskSet
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.mujoco.half_cheetah import MetaHalfCheetahEnv
 from sb3_bruno_envs.mujoco.physics import scale_physics
-from sb3_bruno_envs.task_numbers import read_numbers
+from sb3_bruno_envs.read_task import read_numbers
 from sb3_bruno_envs.tasks import TaskSet
 
 

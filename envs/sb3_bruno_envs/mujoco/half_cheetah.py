@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.family import Family
 from sb3_bruno_envs.mujoco.exact_state import ExactState
-from sb3_bruno_envs.task_numbers import read_numbers, read_one_hot
+from sb3_bruno_envs.read_task import read_numbers, read_one_hot
 from sb3_bruno_envs.tasks import TaskSet
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from sb3_bruno_envs.mujoco.body_parts import BodyParts
 from sb3_bruno_envs.mujoco.exact_state import ExactState
 from sb3_bruno_envs.mujoco.physics import scale_physics
-from sb3_bruno_envs.task_numbers import read_numbers
+from sb3_bruno_envs.read_task import read_numbers
 
 
 class HiddenBody(ExactState):

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sb3_bruno_envs.mujoco.exact_state import ExactState
 from sb3_bruno_envs.naming import direction_name
-from sb3_bruno_envs.task_numbers import read_direction
+from sb3_bruno_envs.read_task import read_direction
 from sb3_bruno_envs.tasks import TaskSet
 
 
