@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, TypeAlias, get_args
 
 import gymnasium as gym
+import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike
 
@@ -29,7 +30,8 @@ class Family:
         env_class: a Gymnasium environment with a method ``set_task(task)``, which is called before every reset. It may
             have a static or class method ``name_task(task)``, which says what people call a task, and ``task_entries``,
             which say what its numbers are (see MetaTask): the first of them if tasks are shorter, none if they are
-            longer.
+            longer. It may have a method ``read_task(task)``, which raises a ValueError at what is no task of the
+            environment: then a list of tasks is refused as a whole, when an environment is made with it.
         tasks: the family's own tasks: a TaskSet, a TaskSampler or an array-like ``(n, dim)``.
         task_sets: other sets of tasks by name, for ``gym.make(id, tasks=name)``. A set named ``"beyond"`` has the
             family's own training tasks, and test tasks outside their range. A published set is named after its paper.
@@ -111,7 +113,8 @@ class Family:
                 episode is a trial.
 
         Raises:
-            ValueError: if ``observe`` or the name of a task set is unknown, or MetaTask refuses an argument.
+            ValueError: if ``observe`` or the name of a task set is unknown, MetaTask refuses an argument, or the
+                environment class refuses one of the listed tasks.
         """
         if observe not in get_args(Observe):
             raise ValueError(f"observe={observe!r} is unknown: use 'transition', 'task' or 'plain'.")
@@ -119,8 +122,9 @@ class Family:
         if isinstance(tasks, str):
             own = tasks = self.named(tasks, task_sets)
         space = own.space if task_space is None else task_space
+        bare = self._make_bare(**env_kwargs)
         meta = MetaTask(
-            self._make_bare(**env_kwargs),
+            bare,
             self._set_task,
             own if tasks is None else tasks,
             split=split,
@@ -129,6 +133,8 @@ class Family:
             task_entries=self._entries_of(space),
             task_space=space,
         )
+        if tasks is not None:
+            _check_listed(bare, meta.task_distribution)
         if observe == "transition":
             return TransitionObservation(meta)
         return TaskObservation(meta) if observe == "task" else meta
@@ -166,3 +172,11 @@ class Family:
 
     def __repr__(self) -> str:
         return f"Family({self.env_class.__name__}, {self.tasks})"
+
+
+def _check_listed(bare: gym.Env[Any, Any], tasks: TaskDistribution) -> None:
+    """Let the environment read every task of both splits, if it reads tasks and there is a list of them."""
+    read_task = getattr(bare.unwrapped, "read_task", None)
+    if read_task is not None and isinstance(tasks, TaskSet):
+        for task in np.concatenate([tasks.tasks("train"), tasks.tasks("test")]):
+            read_task(task)

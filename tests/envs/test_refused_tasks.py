@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box
 
-from sb3_bruno_envs import CheetahDirEnv, MetaTask, PointDirEnv, PointRotationEnv
+from sb3_bruno_envs import CheetahDirEnv, MetaTask, PointDirEnv, PointRotationEnv, TaskSet
 from sb3_bruno_envs.read_task import read_direction, read_numbers, read_one_hot
 from sb3_bruno_envs.registration import FAMILIES
 
@@ -45,9 +45,36 @@ def test_every_family_refuses_a_wrong_shape_and_numbers_that_are_not_finite(fami
 
 def test_every_family_refuses_tasks_of_another_length_before_it_names_them(family):
     dim = family.get_wrapper_attr("task_space").shape[0] + 1
-    other = gym.make(family.spec.id, tasks=[[0.5] * dim], task_space=Box(-1.0, 1.0, (dim,)))
     with pytest.raises(ValueError, match=REFUSED):
-        other.reset(seed=0)
+        gym.make(family.spec.id, tasks=[[0.5] * dim], task_space=Box(-1.0, 1.0, (dim,)))
+
+
+@pytest.mark.parametrize("split", ["train", "test"])
+@pytest.mark.parametrize(
+    ("env_id", "right", "wrong"),
+    [
+        ("PointDir-v0", [0.6, 0.8], [0.6, 0.0]),
+        ("PointRotation-v0", [-1.0, 0.0], [0.0, 0.0]),
+        ("AntDir2D-v0", [0.0, -1.0], [1.0, 1.0]),
+        ("CheetahDir-v0", [0.0, 1.0], [1.0, 1.0]),
+        ("CheetahGravity-v0", [9.0], [-9.0]),
+        ("CheetahParams-v0", [1.0, 2.0, 1.0, -1.0], [1.0, 0.0, 1.0, 1.0]),
+        ("CartpoleSwingUp-v0", [0.5, 0.5], [0.5, -0.5]),
+    ],
+)
+def test_a_list_that_holds_a_wrong_task_is_refused_when_the_environment_is_made(env_id, right, wrong, split):
+    settings = {"split": split, "task_space": Box(-10.0, 10.0, (len(right),)), "observe": "plain"}
+    good, bad = TaskSet([right], [right, right]), TaskSet([right], [right, wrong])
+    gym.make(env_id, tasks=good, **settings).reset(seed=0)
+    for tasks in (bad, [right, wrong]):
+        with pytest.raises(ValueError, match=REFUSED):
+            gym.make(env_id, tasks=tasks, **settings)
+
+
+def test_tasks_without_an_end_are_refused_one_by_one():
+    env = gym.make("PointDir-v0", tasks=lambda rng: [0.5, 0.5], disable_env_checker=True)
+    with pytest.raises(ValueError, match=NO_DIRECTION):
+        env.reset()
 
 
 @pytest.mark.parametrize(

@@ -69,14 +69,17 @@ class CartpoleSwingUpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.action_space = Box(-1.0, 1.0, (1,))
         self.state = (0.0, 0.0, math.pi, 0.0)  # x (m), x' (m/s), th (rad), th' (rad/s)
 
-    def set_task(self, task: ArrayLike) -> None:
-        """Set the cart's mass and the pole's length from a task ``(2,)``, in kg and m.
+    def read_task(self, task: ArrayLike) -> NDArray[np.float64]:
+        """Return the cart's mass and the pole's length of a task ``(2,)``, in kg and m.
 
         Raises:
             ValueError: if mass or length is not finite or not above 0, or there are not two numbers.
         """
-        what = "the cart's mass in kg and the pole's length in m"
-        self.mass, self.length = read_numbers(task, 2, what, n_positive=2).tolist()
+        return read_numbers(task, 2, "the cart's mass in kg and the pole's length in m", n_positive=2)
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Set the cart's mass and the pole's length from a task (see ``read_task``)."""
+        self.mass, self.length = self.read_task(task).tolist()
 
     task_entries = (("cart", "kg"), ("pole", "m"))
 

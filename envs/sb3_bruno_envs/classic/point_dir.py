@@ -39,13 +39,17 @@ class PointDirEnv(PointEnv):
         super().__init__(render_mode)
         self.direction = np.array([1.0, 0.0])
 
-    def set_task(self, task: ArrayLike) -> None:
-        """Set the direction from a task ``(2,)``, a unit vector.
+    def read_task(self, task: ArrayLike) -> NDArray[np.float64]:
+        """Return the direction that a task ``(2,)`` names, a unit vector.
 
         Raises:
             ValueError: if it is none.
         """
-        self.direction = read_direction(task)
+        return read_direction(task)
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Set the direction from a task (see ``read_task``)."""
+        self.direction = self.read_task(task)
 
     task_entries = (("x", ""), ("y", ""))
 

@@ -39,13 +39,17 @@ class PointGoalEnv(PointMassEnv):
         super().__init__(dim, render_mode)
         self.goal = np.zeros(dim)
 
-    def set_task(self, task: ArrayLike) -> None:
-        """Set the goal from a task ``(dim,)``, its position.
+    def read_task(self, task: ArrayLike) -> NDArray[np.float64]:
+        """Return the position of the goal that a task ``(dim,)`` names.
 
         Raises:
             ValueError: if it is not ``dim`` finite numbers.
         """
-        self.goal = read_numbers(task, self.dim, "the position of the goal")
+        return read_numbers(task, self.dim, "the position of the goal")
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Set the goal from a task (see ``read_task``)."""
+        self.goal = self.read_task(task)
 
     task_entries = (("goal x", ""), ("goal y", ""), ("goal z", ""))
 

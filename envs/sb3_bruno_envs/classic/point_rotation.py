@@ -30,13 +30,17 @@ class PointRotationEnv(PointMassEnv):
         super().__init__(2, render_mode)
         self.cos, self.sin = 1.0, 0.0
 
-    def set_task(self, task: ArrayLike) -> None:
-        """Set the angle from a task ``(2,)``, its cosine and sine.
+    def read_task(self, task: ArrayLike) -> NDArray[np.float64]:
+        """Return cosine and sine of the angle that a task ``(2,)`` names.
 
         Raises:
             ValueError: if these are of no angle.
         """
-        self.cos, self.sin = read_direction(task)
+        return read_direction(task)
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Set the angle from a task (see ``read_task``)."""
+        self.cos, self.sin = self.read_task(task)
 
     task_entries = (("cosine", ""), ("sine", ""))
 

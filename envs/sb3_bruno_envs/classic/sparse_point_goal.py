@@ -45,13 +45,17 @@ class SparsePointGoalEnv(PointEnv):
         super().__init__(render_mode)
         self.goal = np.array([0.0, 1.0])
 
-    def set_task(self, task: ArrayLike) -> None:
-        """Set the goal from a task ``(2,)``, its position.
+    def read_task(self, task: ArrayLike) -> NDArray[np.float64]:
+        """Return the position of the goal that a task ``(2,)`` names.
 
         Raises:
             ValueError: if it is not two finite numbers.
         """
-        self.goal = read_numbers(task, 2, "x and y of the goal")
+        return read_numbers(task, 2, "x and y of the goal")
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Set the goal from a task (see ``read_task``)."""
+        self.goal = self.read_task(task)
 
     task_entries = (("goal x", ""), ("goal y", ""))
 

@@ -44,13 +44,17 @@ class WindEnv(PointEnv):
         super().__init__(render_mode)
         self.wind = np.zeros(2)
 
-    def set_task(self, task: ArrayLike) -> None:
-        """Set the wind from a task ``(2,)``, how far it blows the point per step.
+    def read_task(self, task: ArrayLike) -> NDArray[np.float64]:
+        """Return how far the wind of a task ``(2,)`` blows the point per step.
 
         Raises:
             ValueError: if it is not two finite numbers.
         """
-        self.wind = read_numbers(task, 2, "x and y of the wind per step")
+        return read_numbers(task, 2, "x and y of the wind per step")
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Set the wind from a task (see ``read_task``)."""
+        self.wind = self.read_task(task)
 
     task_entries = (("wind x", ""), ("wind y", ""))
 

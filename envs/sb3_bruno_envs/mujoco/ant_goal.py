@@ -43,13 +43,17 @@ class AntGoalEnv(MetaAntEnv):
             **kwargs,
         )
 
-    def set_task(self, task: ArrayLike) -> None:
-        """Set the goal from a task ``(2,)``, its x and y in m.
+    def read_task(self, task: ArrayLike) -> NDArray[np.float64]:
+        """Return x and y of the goal of a task ``(2,)``, in m.
 
         Raises:
             ValueError: if it is not two finite numbers.
         """
-        self.goal = read_numbers(task, 2, "x and y of the goal in m")
+        return read_numbers(task, 2, "x and y of the goal in m")
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Set the goal from a task (see ``read_task``)."""
+        self.goal = self.read_task(task)
 
     task_entries = (("goal x", "m"), ("goal y", "m"))
 

@@ -31,13 +31,17 @@ class CheetahGravityEnv(MetaHalfCheetahEnv):
     def __init__(self, *, ctrl_cost_weight: float = 0.1, **kwargs: Any) -> None:
         super().__init__(ctrl_cost_weight=ctrl_cost_weight, **kwargs)
 
-    def set_task(self, task: ArrayLike) -> None:
-        """Set the gravity from a task ``(1,)``, in m/s^2; the state of the episode stays.
+    def read_task(self, task: ArrayLike) -> NDArray[np.float64]:
+        """Return the gravity of a task ``(1,)``, in m/s^2.
 
         Raises:
             ValueError: if it is not one finite number above 0.
         """
-        (gravity,) = read_numbers(task, 1, "the gravity in m/s^2", n_positive=1).astype(np.float32)
+        return read_numbers(task, 1, "the gravity in m/s^2", n_positive=1)
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Set the gravity from a task (see ``read_task``); the state of the episode stays."""
+        (gravity,) = self.read_task(task).astype(np.float32)
         factor = gravity / np.float32(EARTH)  # in the precision of tasks, so that it is 1 for Earth's
         self.model.opt.gravity[:] = float(factor) * self.original_model.opt.gravity
 

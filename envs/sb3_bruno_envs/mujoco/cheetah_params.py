@@ -34,13 +34,17 @@ class CheetahParamsEnv(MetaHalfCheetahEnv):
         super().__init__(**kwargs)
         self.factors = np.ones(4)  # mass, damping, friction, strength
 
-    def set_task(self, task: ArrayLike) -> None:
-        """Write the model's numbers from a task ``(4,)``; the state of the episode stays.
+    def read_task(self, task: ArrayLike) -> NDArray[np.float64]:
+        """Return the factors of mass, damping, friction and strength of a task ``(4,)``.
 
         Raises:
             ValueError: if mass, damping or friction is not positive, a factor is not finite, or there are not four.
         """
-        self.factors = read_numbers(task, 4, "factors of mass, damping, friction and strength", n_positive=3)
+        return read_numbers(task, 4, "factors of mass, damping, friction and strength", n_positive=3)
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Write the model's numbers from a task (see ``read_task``); the state of the episode stays."""
+        self.factors = self.read_task(task)
         mass, damping, friction, strength = self.factors
         scale_physics(self, mass=mass, damping=damping, friction=friction, gear=strength)
 

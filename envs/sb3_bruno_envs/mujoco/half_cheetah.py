@@ -49,13 +49,17 @@ class CheetahDirEnv(MetaHalfCheetahEnv):
 
     direction = 1.0  # +1 forward, -1 backward
 
-    def set_task(self, task: ArrayLike) -> None:
-        """Set the direction from a one-hot task ``(2,)``: ``[1, 0]`` backward, ``[0, 1]`` forward.
+    def read_task(self, task: ArrayLike) -> float:
+        """Return the direction of a one-hot task ``(2,)``: -1 of ``[1, 0]``, backward; 1 of ``[0, 1]``, forward.
 
         Raises:
             ValueError: if it is neither.
         """
-        self.direction = (-1.0, 1.0)[read_one_hot(task, 2)]
+        return (-1.0, 1.0)[read_one_hot(task, 2)]
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Set the direction from a task (see ``read_task``)."""
+        self.direction = self.read_task(task)
 
     task_entries = (("backward", ""), ("forward", ""))
 
@@ -75,13 +79,17 @@ class CheetahVelEnv(MetaHalfCheetahEnv):
 
     velocity = 1.0  # m/s
 
-    def set_task(self, task: ArrayLike) -> None:
-        """Set the target velocity from a task ``(1,)``, in m/s.
+    def read_task(self, task: ArrayLike) -> NDArray[np.float64]:
+        """Return the target velocity of a task ``(1,)``, in m/s.
 
         Raises:
             ValueError: if it is not one finite number.
         """
-        (self.velocity,) = read_numbers(task, 1, "the velocity in m/s").tolist()
+        return read_numbers(task, 1, "the velocity in m/s")
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Set the target velocity from a task (see ``read_task``)."""
+        (self.velocity,) = self.read_task(task).tolist()
 
     task_entries = (("velocity", "m/s"),)
 

@@ -44,42 +44,56 @@ class HiddenBody(ExactState):
         self.published = published
         super().__init__(frame_skip=frame_skip, **kwargs)
 
-    def set_task(self, task: ArrayLike) -> None:
-        """Write the model's numbers from a task ``(dim,)``; the state of the episode stays.
+    def read_task(self, task: ArrayLike) -> list[NDArray[np.float64]]:
+        """Return the factors of a task ``(dim,)``, those of each kind in an array of their own.
 
         Raises:
             ValueError: if a number is not finite, or their number is wrong.
         """
+        model = self.original_model
+        counts = [len(self._bodies()), len(self._joints()), len(self.feet)]
+        if self.published:
+            counts = [model.nbody, 3 * model.nbody, model.nv, 3 * model.ngeom]
+        logs = read_numbers(task, sum(counts), "log factors, 0 for the original")
+        return np.split(np.exp(logs), np.cumsum(counts)[:-1])
+
+    def set_task(self, task: ArrayLike) -> None:
+        """Write the model's numbers from a task (see ``read_task``); the state of the episode stays."""
         write = self._write_every_entry if self.published else self._write_body
-        write(task)
+        write(*self.read_task(task))
 
     @classmethod
     def name_task(cls, task: ArrayLike) -> str:
         """Return the factors that are farthest from 1."""
         return cls.parts.name(task)
 
-    def _write_body(self, task: ArrayLike) -> None:
+    def _bodies(self) -> list[str]:
         model = self.original_model
-        bodies = [model.body(i).name for i in range(1, model.nbody)]  # 0 is the world
-        joints = [model.joint(i).name for i in range(model.njnt) if model.joint(i).damping[0] > 0.0]
-        masses, dampings, frictions = _factors(task, len(bodies), len(joints), len(self.feet))
+        return [model.body(i).name for i in range(1, model.nbody)]  # 0 is the world
+
+    def _joints(self) -> list[str]:
+        model = self.original_model
+        return [model.joint(i).name for i in range(model.njnt) if model.joint(i).damping[0] > 0.0]
+
+    def _write_body(
+        self, masses: NDArray[np.float64], dampings: NDArray[np.float64], frictions: NDArray[np.float64]
+    ) -> None:
         scale_physics(
             self,
-            mass=dict(zip(bodies, masses, strict=True)),
-            damping=dict(zip(joints, dampings, strict=True)),
+            mass=dict(zip(self._bodies(), masses, strict=True)),
+            damping=dict(zip(self._joints(), dampings, strict=True)),
             friction=dict(zip(self.feet, frictions, strict=True)),
         )
 
-    def _write_every_entry(self, task: ArrayLike) -> None:
+    def _write_every_entry(
+        self,
+        masses: NDArray[np.float64],
+        inertias: NDArray[np.float64],
+        dampings: NDArray[np.float64],
+        frictions: NDArray[np.float64],
+    ) -> None:
         model, original = self.model, self.original_model
-        masses, inertias, dampings, frictions = _factors(task, model.nbody, 3 * model.nbody, model.nv, 3 * model.ngeom)
         model.body_mass[:] = masses * original.body_mass
         model.body_inertia[:] = inertias.reshape(-1, 3) * original.body_inertia
         model.dof_damping[:] = dampings * original.dof_damping
         model.geom_friction[:] = frictions.reshape(-1, 3) * original.geom_friction
-
-
-def _factors(task: ArrayLike, *counts: int) -> list[NDArray[np.float64]]:
-    """Return a task's factors in parts of these lengths."""
-    logs = read_numbers(task, sum(counts), "log factors, 0 for the original")
-    return np.split(np.exp(logs), np.cumsum(counts)[:-1])
