@@ -100,6 +100,17 @@ def test_task_matters_compares_an_agent_that_is_told_with_one_that_is_not(run, t
     assert "| PointDir-v0 | 0.0 | " in (tmp_path / "task_matters.md").read_text()
 
 
+def test_encoders_in_rl_trains_every_kind_of_agent(run, tmp_path):
+    agents = ["oracle", "Markov", "mean_embedding", "product_of_gaussians"]
+    family = "PointGoal-v0, dim=2"
+    short = ["--families", family, "--seeds", "1", "--agents", *agents, "--divide-steps", "20", "--out", str(tmp_path)]
+    run("encoders_in_rl.py", *short)
+    kept = json.loads((tmp_path / "encoders_in_rl.json").read_text())["runs"]
+    assert list(kept) == [f"{family} / {agent}" for agent in agents]
+    assert all(-500 < kept[name]["1"]["return"] < kept[name]["1"]["last reward"] < 0 for name in kept)
+    assert f"| {family} | mean_embedding | " in (tmp_path / "encoders_in_rl.md").read_text()
+
+
 @pytest.mark.parametrize(
     ("still", "markov", "oracle", "told"),
     [
