@@ -13,9 +13,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from torch import nn
 
 from sb3_bruno import BrunoSAC, BrunoTD3, PearlSAC
-from sb3_bruno.algorithms.sac import TaskSACPolicy
-from sb3_bruno.encoders import ENCODERS, HasPosterior, Predicts, RecurrentEncoder, Transitions
-from sb3_bruno.export import classes, load_agent, register_agent_class, save_agent
+from sb3_bruno.encoders import ENCODERS, HasPosterior, Predicts, Transitions
+from sb3_bruno.export import load_agent, save_agent
 from sb3_bruno.export.written_agent import WrittenAgent
 from support.tiny_models import ALGORITHMS, POINT, assert_same, make_pendulum, make_point, normalized, rollout, tiny
 
@@ -92,25 +91,6 @@ def test_the_env_that_is_given_is_normalised_as_in_training(tmp_path):
     assert_same(steps_of(loaded, shown), steps_of(model, env))
 
 
-@pytest.mark.usefixtures("forgets_what_is_registered")
-def test_a_class_that_could_not_be_built_again_is_refused(tmp_path):
-    class Closed(BrunoSAC):
-        def __init__(self, policy, env, buffer_size=100):
-            super().__init__(policy, env, buffer_size=buffer_size)
-
-    class Forgetful(BrunoSAC):
-        def __init__(self, policy, env, colour="red", **kwargs):
-            super().__init__(policy, env, **kwargs)
-
-    for named, message in (
-        (Closed, "takes no `critic_input`.* pass"),
-        (Forgetful, "takes `colour` and keeps it nowhere"),
-    ):
-        register_agent_class(named)
-        with pytest.raises(ValueError, match=message):
-            save_agent(named("MlpPolicy", POINT), tmp_path / "point.agent")
-
-
 def test_with_an_env_it_learns_from_the_start_with_what_it_was_made_with(tmp_path):
     schedule = LinearSchedule(1e-3, 0.0, 1.0)
     model = made(BrunoSAC, make_point(), learning_rate=schedule, gamma=0.9, train_freq=(2, "step"), ent_coef="auto_0.5")
@@ -180,53 +160,6 @@ def test_every_option_comes_back(options, tmp_path):
 def test_action_noise_comes_back(noise, tmp_path):
     loaded = again(made(BrunoTD3, make_point(), action_noise=noise), tmp_path / "point.agent")
     assert repr(loaded.action_noise) == repr(getattr(noise, "base_noise", noise))
-
-
-class Mine(RecurrentEncoder):
-    """An encoder that only its author knows."""
-
-
-@pytest.fixture
-def forgets_what_is_registered(monkeypatch):
-    monkeypatch.setattr(classes, "_REGISTERED", {kind: dict(known) for kind, known in classes._REGISTERED.items()})
-
-
-@pytest.mark.usefixtures("forgets_what_is_registered")
-def test_a_class_of_ones_own_is_saved_once_it_is_registered(tmp_path):
-    class MyPolicy(TaskSACPolicy):
-        pass
-
-    class MySAC(BrunoSAC):
-        def __init__(self, *args, **kwargs):
-            super().__init__(*args, **kwargs)
-
-    class MyActivation(nn.Tanh):
-        pass
-
-    def make(policy):
-        given = {"net_arch": [8], "activation_fn": MyActivation}
-        return MySAC(policy, POINT, encoder_class=Mine, device="cpu", buffer_size=100, policy_kwargs=given)
-
-    model, path = make(MyPolicy), tmp_path / "mine.agent"
-    for named in (MySAC, MyPolicy, Mine, MyActivation):
-        with pytest.raises(ValueError, match=rf"{named.__name__}, which .* register it by"):
-            save_agent(model, path)
-        assert register_agent_class(named) is named
-    loaded = again(model, path)
-    assert (type(loaded), type(loaded.policy), type(loaded.encoder)) == (MySAC, MyPolicy, Mine)
-    classes._REGISTERED["encoder"].clear()
-    with pytest.raises(ValueError, match=r"'Mine', which is no encoder that agent files know.*register"):
-        load_agent(path)
-
-
-@pytest.mark.usefixtures("forgets_what_is_registered")
-def test_a_key_is_a_name_and_stands_for_one_class():
-    with pytest.raises(ValueError, match=r"stands for .* already"):
-        register_agent_class(Mine, "recurrent")
-    with pytest.raises(ValueError, match="is no name"):
-        register_agent_class(Mine, "os.system")
-    with pytest.raises(TypeError, match="neither a class"):
-        register_agent_class("Mine")
 
 
 @pytest.mark.parametrize(
