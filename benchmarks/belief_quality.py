@@ -187,7 +187,10 @@ def draw(rows: dict[str, dict[str, Row]], path: Path) -> None:
         env_id, encoder = name.split(" / ")
         shares = np.array([[row[f"after {n:,}"] for n in CONTEXTS[1:]] for row in by_seed.values()])
         panels.setdefault(env_id, {})[encoder] = Band.of(np.log10(CONTEXTS[1:]), shares.clip(min=-0.2))
-    note = "Line: mean of the seeds. Band: middle half. Read off beliefs of tasks that no encoder was trained on."
+    note = (
+        "Line: mean of the seeds. Band: middle half. Read off beliefs of tasks that no encoder was trained on. "
+        "Shares below -0.2 are drawn at -0.2."
+    )
     plot_bands(panels, path, "log10 of transitions seen", "share of the task explained", note)
 
 

@@ -25,7 +25,7 @@ class BeliefQueries:
     _vec_normalize_env: VecNormalize | None
 
     def infer(self, transitions: Transitions) -> TaskBelief:
-        """Compute the belief of any sequence of transitions. For most encoders their order does not matter.
+        """Compute the belief of any sequence of transitions. Their order matters to encoders of order "time".
 
         Args:
             transitions: arrays or tensors (..., time, dim) in the env's own units, dim flat or the shape of the space.

@@ -39,7 +39,7 @@ class TaskBelief(NamedTuple):
     """A belief over the hidden task.
 
     Attributes:
-        posterior: p(theta | transitions), batch shape (..., latent_dim).
+        posterior: p(theta | transitions), its mean of shape (..., latent_dim).
         memory: what the encoder keeps of the transitions.
     """
 
@@ -86,10 +86,12 @@ class AgentView:
         _check_entries(dict(zip(Transitions._fields, transitions, strict=True)))
         if observed.rewards.ndim < 2:
             raise ValueError("`rewards` has shape (1,): give sequences, (..., time, 1), of time 1 for one transition.")
+        *batch_shape, _, _ = observed.rewards.shape
         with th.no_grad():
-            memory: AnyMemory = self.encoder.empty(observed.rewards.shape[:-2])
+            memory: AnyMemory = self.encoder.empty(tuple(batch_shape))
             if observed.rewards.numel() > 0:  # torch cannot run a flow on nothing
-                memory = map_memory(lambda prefixes: prefixes[..., -1, :], self.encoder.prefixes(observed))
+                time = len(batch_shape)  # an encoder may keep matrices, so it need not be the last axis but one
+                memory = map_memory(lambda prefixes: prefixes.select(time, -1), self.encoder.prefixes(observed))
             return memory
 
     def remembered(self, state: State) -> AnyMemory:

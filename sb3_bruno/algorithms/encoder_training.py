@@ -22,6 +22,7 @@ from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.buffers.long_episodes import EARLIER, WINDOW, newest, whole
 from sb3_bruno.encoders import HasPosterior, Loss, TaskEncoder
 from sb3_bruno.encoders.base import map_memory, training_mode
+from sb3_bruno.encoders.checker import check_has_something_to_teach
 
 RECALLED = 64
 """Transitions of each running episode that a round of updates encodes again, on average over rounds."""
@@ -57,12 +58,14 @@ class EncoderTraining(OffPolicyAlgorithm):
             encoder.check_tasks(th.tensor(tasks))
         updates = ("encoder_batch_size", "encoder_update_ratio", "encoder_learning_starts")
         check_encoder_updates(encoder, {name: getattr(self, name) for name in updates})
+        check_has_something_to_teach(encoder)
         if encoder.learns_from == "own":
             self.encoder_batch_size = 16 if self.encoder_batch_size is None else self.encoder_batch_size
             self.encoder_update_ratio = 0.5 if self.encoder_update_ratio is None else self.encoder_update_ratio
         rate = encoder.learning_rate if self.encoder_learning_rate is None else self.encoder_learning_rate
         self.encoder_lr_schedule = FloatSchedule(rate)
-        self.encoder_optimizer = th.optim.Adam(encoder.parameters(), lr=self.encoder_lr_schedule(1), fused=True)
+        learned = [{"params": list(encoder.parameters())}]  # a group may be empty, of an encoder that learns nothing
+        self.encoder_optimizer = th.optim.Adam(learned, lr=self.encoder_lr_schedule(1), fused=True)
 
     def bind_buffer(self) -> None:
         """Give the replay buffer the encoder that its samples are made with.
@@ -116,7 +119,7 @@ class EncoderTraining(OffPolicyAlgorithm):
             What to log of them, by name.
         """
         assert self.encoder_update_ratio is not None  # for mypy: it learns from its own loss
-        if type(self.encoder).loss is TaskEncoder.loss:  # a control, which learns nothing
+        if type(self.encoder).loss is TaskEncoder.loss or self.encoder.is_frozen:  # it learns nothing
             return {}
         self._encoder_updates_due += self.encoder_update_ratio * gradient_steps
         n_updates = int(self._encoder_updates_due)

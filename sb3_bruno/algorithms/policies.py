@@ -19,6 +19,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, Flatten
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 
 from sb3_bruno.algorithms.carried import Carried, State
+from sb3_bruno.algorithms.diverged import explain_divergence
 from sb3_bruno.algorithms.forgetting import absorb_or_forget
 from sb3_bruno.algorithms.lean_networks import LeanCritic, LeanSquashedGaussian
 from sb3_bruno.algorithms.reading import read_episode_start, read_observation, warn_of_state
@@ -207,10 +208,7 @@ class TaskInferencePolicy(BasePolicy):
     def _act(self, extended: NDArray[Any] | th.Tensor, deterministic: bool) -> NDArray[Any]:
         actions, _ = super().predict(extended, deterministic=deterministic)  # type: ignore[arg-type]  # a tensor too
         if not np.isfinite(actions).all():
-            raise ValueError(
-                "The actor's actions are not finite, for its training diverged: train with a lower `learning_rate`, or "
-                "load an agent from before."
-            )
+            raise ValueError(explain_divergence(self.encoder))
         return actions
 
     @th.inference_mode()

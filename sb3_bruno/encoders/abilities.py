@@ -48,7 +48,10 @@ class HasPosterior(Protocol):
     """Tells a probability distribution over what is hidden: for people, videos and logs."""
 
     def posterior(self, memory: Any) -> Distribution:
-        """p(theta | transitions absorbed), batch shape (..., latent_dim)."""
+        """p(theta | transitions absorbed), its mean of shape (..., latent_dim).
+
+        Its entries may be independent, batch shape (..., latent_dim), or not, event shape (latent_dim,).
+        """
 
 
 @runtime_checkable

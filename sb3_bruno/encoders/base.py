@@ -148,6 +148,11 @@ class TaskEncoder(nn.Module, ABC, Generic[Memory]):
     def belief(self, memory: Memory) -> Tensor:
         """Read the belief off a memory, as a vector for actor and critics, shape (..., belief_dim)."""
 
+    @property
+    def is_frozen(self) -> bool:
+        """Whether no parameter can learn: there is none, or all are constants."""
+        return not any(parameter.requires_grad for parameter in self.parameters())
+
     def count(self, memory: Memory) -> Tensor | None:
         """Count the values that a memory has absorbed, (..., 1). None: it does not tell."""
         return None

@@ -30,8 +30,10 @@ def check_encoder(
         th.manual_seed(0)
         encoder = encoder_class.build(observation_dim, action_dim, _TASK_DIM, **encoder_kwargs).double()
         transitions = _random_transitions(observation_dim, action_dim)
+        _check_precision(encoder)
         _check_shapes(encoder, transitions)
         _check_prefixes(encoder, transitions)
+        _check_unbatched(encoder, transitions)
         _check_weights(encoder, transitions, _random_transitions(observation_dim, action_dim))
         _check_order(encoder, transitions)
         _check_learning(encoder, transitions)
@@ -40,6 +42,18 @@ def check_encoder(
 def _random_transitions(observation_dim: int, action_dim: int) -> Transitions:
     dims = (observation_dim, action_dim, 1, observation_dim)
     return Transitions(*(th.randn(_BATCH, _TIME, dim, dtype=th.float64) for dim in dims))
+
+
+def _check_precision(encoder: TaskEncoder) -> None:
+    """The memory of no transitions has the precision of the encoder, if that has one."""
+    for name, parameter in encoder.named_parameters():
+        floats = [states.dtype for states in encoder.empty() if states.is_floating_point()]
+        wrong = [dtype for dtype in floats if dtype != parameter.dtype]
+        if wrong:
+            raise ValueError(
+                f"`empty` makes {wrong[0]}, while the encoder's `{name}` is {parameter.dtype}: make its tensors like a "
+                "parameter, as by `next(self.parameters()).new_zeros(shape)`."
+            )
 
 
 def _check_shapes(encoder: TaskEncoder, transitions: Transitions) -> None:
@@ -66,6 +80,13 @@ def _check_prefixes(encoder: TaskEncoder, transitions: Transitions) -> None:
             raise ValueError(f"`prefixes` at {t} differs from {what}: acting and training would disagree.")
         if t < _TIME:
             memory = encoder.absorb(memory, Transitions(*(column[:, t] for column in transitions)))
+
+
+def _check_unbatched(encoder: TaskEncoder, transitions: Transitions) -> None:
+    """One sequence by itself, as an agent is asked about it."""
+    alone = encoder.prefixes(Transitions(*(column[0] for column in transitions)))
+    if not _same(encoder, alone, map_memory(lambda states: states[0], encoder.prefixes(transitions))):
+        raise ValueError("`prefixes` of a sequence (time, dim) differs from that in a batch: count axes from the end.")
 
 
 def _check_weights(encoder: TaskEncoder, transitions: Transitions, others: Transitions) -> None:
@@ -111,6 +132,7 @@ def _check_learning(encoder: TaskEncoder, transitions: Transitions) -> None:
         total = total + loss.total
     if encoder.learns_from != "own":
         total = total + encoder.belief(encoder.prefixes(transitions)).square().sum()
+    check_has_something_to_teach(encoder)
     if total.requires_grad:
         total.backward()
     parameters = dict(encoder.named_parameters())
@@ -124,11 +146,24 @@ def _check_learning(encoder: TaskEncoder, transitions: Transitions) -> None:
         raise ValueError(f"no gradient reaches {unreached}: use them in what is learned, or remove them.")
 
 
+def check_has_something_to_teach(encoder: TaskEncoder) -> None:
+    """Refuse an encoder that the critics or the actor should teach, and that has no parameter to learn.
+
+    Raises:
+        ValueError: if it is such a one.
+    """
+    if encoder.learns_from != "own" and encoder.is_frozen:
+        raise ValueError(
+            f"`learns_from = '{encoder.learns_from}'`, but {type(encoder).__name__} has no parameter to learn: give it "
+            "one, or set `learns_from = 'own'` and define no `loss`."
+        )
+
+
 def _at(prefixes: AnyMemory, index: int) -> AnyMemory:
     return map_memory(lambda states: states[:, index], prefixes)
 
 
 def _same(encoder: TaskEncoder, memory: AnyMemory, other: AnyMemory) -> bool:
     """Whether two memories give the same belief."""
-    beliefs: tuple[Tensor, Tensor] = encoder.belief(memory), encoder.belief(other)
+    beliefs: tuple[Tensor, Tensor] = encoder.belief(memory).double(), encoder.belief(other).double()
     return th.allclose(*beliefs, rtol=1e-6, atol=1e-8)

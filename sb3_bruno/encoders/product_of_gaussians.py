@@ -187,7 +187,7 @@ class ProductOfGaussians(TaskEncoder[ProductMemory]):
 
 
 def _network(n_inputs: int, n_outputs: int, net_arch: Sequence[int]) -> nn.Sequential:
-    """Make PEARL's network, and initialise it as there: small means, variances of softplus(0)."""
+    """Make PEARL's network. The last layer and all biases begin as there: small means, variances of softplus(0)."""
     layers: list[nn.Module] = []
     for width in net_arch:
         hidden = nn.Linear(n_inputs, width)

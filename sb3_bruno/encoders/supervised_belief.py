@@ -130,7 +130,11 @@ class SupervisedBelief(StandardRecurrent):
         """log q(task | memory) - log q(task), in nats, for each of several tasks: (..., n, task_dim) -> (..., n)
 
         By Bayes' rule that is the log-likelihood of the task, up to a constant.
+
+        Raises:
+            ValueError: if tasks should be one-hot vectors, and one is none.
         """
+        self.check_tasks(tasks)
         told, prior = (self.head(self._mean_features(given).unsqueeze(-2)) for given in (memory, self.empty()))
         scores: Tensor = told.log_prob(tasks) - prior.log_prob(tasks)
         return scores

@@ -241,3 +241,21 @@ def test_a_recurrent_agent_refuses_bad_states_too():
         if name not in ("None", "negative counts"):
             with pytest.raises(ValueError, match=r"`state`"):
                 model.predict(seen, spoil(state))
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "told"),
+    [
+        (VaribadSAC, "The encoder's .*`encoder_learning_rate`, or load"),
+        (RecurrentSAC, "The encoder's .*`encoder_learning_rate`, or `learning_rate` of the critic that teaches it"),
+    ],
+)
+def test_an_encoder_that_diverged_is_told_as_that(algorithm, told):
+    model = make(algorithm)
+    with th.no_grad():
+        next(model.encoder.parameters()).fill_(th.nan)
+    obs = model.get_env().reset()
+    _, state = model.predict(obs)  # a prior may hold none of the parameters
+    obs, *_ = model.get_env().step(np.zeros((N_ENVS, 2), dtype=np.float32))
+    with pytest.raises(ValueError, match=f"{told}.*an agent from before"):
+        model.predict(obs, state)

@@ -9,9 +9,10 @@ import torch as th
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
-from sb3_bruno import BeliefSAC, TaskCrossQ, TaskTD3, TaskTQC, Transitions, VaribadSAC
+from sb3_bruno import BeliefSAC, TaskCrossQ, TaskSAC, TaskTD3, TaskTQC, Transitions, VaribadSAC
 from sb3_bruno.encoders import RecurrentVae, SupervisedBelief
 from sb3_bruno_envs import MetaTask, TaskSet, TransitionObservation
+from support.own_encoders import BayesianLinear, MeanReward
 from support.tiny_models import POINT, TINY, TRIAL, assert_same, make_pendulum, make_point, rollout, tiny
 
 CLASSES = {VaribadSAC: RecurrentVae, BeliefSAC: SupervisedBelief}
@@ -153,3 +154,44 @@ def test_tasks_of_every_env_are_looked_at(vec_env):
     with pytest.raises(ValueError, match=r"one-hot vectors, got \[0.0, 1.0, 1.0\]"):
         BeliefSAC("MlpPolicy", envs, **tiny(BeliefSAC, encoder_kwargs={"head": "one_hot"}))
     envs.close()
+
+
+@pytest.mark.parametrize("batch_shape", [(), (2,), (2, 3)])
+@pytest.mark.parametrize("time", [1, 3, 5])
+def test_what_is_inferred_by_an_encoder_that_keeps_a_matrix_is_what_it_absorbs(time, batch_shape):
+    model = TaskSAC("MlpPolicy", POINT, encoder_class=BayesianLinear, **TINY)
+    rng = np.random.default_rng(0)
+    transitions = Transitions(*(rng.uniform(-0.9, 0.9, (*batch_shape, time, dim)) for dim in (2, 2, 1, 2)))
+    memory = model.encoder.empty(batch_shape)
+    for t in range(time):
+        step = Transitions(*(th.tensor(column[..., t, :], dtype=th.float32) for column in transitions))
+        memory = model.encoder.absorb(memory, step)
+    assert np.abs(model.infer(transitions).mean - model.encoder.belief(memory).detach().numpy()).max() < 1e-5
+
+
+def test_an_encoder_without_parameters_serves_as_any_other(tmp_path):
+    model = TaskSAC("MlpPolicy", POINT, encoder_class=MeanReward, critic_input="belief", **TINY).learn(70)
+    model.save(tmp_path / "model")
+    env = make_vec_env(POINT, 2, seed=0)
+    loaded = TaskSAC.load(tmp_path / "model", env=env)
+    found = []
+    for agent in (model, loaded):
+        env.seed(3)
+        found.append(rollout(agent, env, 5))
+    assert_same(*found)
+    loaded.learn(70)
+
+
+@pytest.mark.parametrize("teacher", ["critic", "actor"])
+def test_an_encoder_with_nothing_to_learn_is_not_taught(teacher):
+    encoder_class = type("Untaught", (MeanReward,), {"learns_from": teacher})
+    with pytest.raises(ValueError, match=r"Untaught has no parameter to learn: give it one, or set `learns_from"):
+        TaskSAC("MlpPolicy", POINT, encoder_class=encoder_class, critic_input="both", **TINY)
+
+
+def test_an_encoder_that_is_frozen_stays_as_it_is():
+    model = VaribadSAC("MlpPolicy", POINT, **tiny(VaribadSAC))
+    model.encoder.requires_grad_(False)
+    before = deepcopy(model.encoder.state_dict())
+    model.learn(70)
+    assert_same(model.encoder.state_dict(), before)

@@ -1,5 +1,6 @@
 """PEARL's sampled beliefs in an agent: drawn where episodes begin, kept until they end, shared where it learns."""
 
+import inspect
 import warnings
 
 import gymnasium as gym
@@ -10,6 +11,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 
 from sb3_bruno import PearlSAC, TaskCrossQ, TaskSAC, TaskTD3, TaskTQC
+from sb3_bruno.encoders import ProductOfGaussians
 from sb3_bruno.evaluation import evaluate_adaptation
 from sb3_bruno_envs import POINT_DIR_TASKS
 from support.configs import settings_of, zoo_config
@@ -123,11 +125,25 @@ def test_pearl_sac_works_out_which_way_to_go(belief):
     assert min(returns) > 0.8 * 28.5  # of what an agent that is told earns
 
 
-@pytest.mark.parametrize(("env_id", "kl_lambda"), [("PointGoal-v0", 0.1), ("SparsePointGoal-v0", 1.0)])
-def test_points_with_a_goal_weigh_the_kl_as_pearls_own_do(env_id, kl_lambda):
-    """In the unit of SB3's SAC, from its configs of 16 tasks and rewards times 100: the default is that of robots."""
-    config = zoo_config("pearl_sac", env_id)
-    assert config["encoder_kwargs"]["kl_weight"] == pytest.approx(kl_lambda * 16 / (2 * 100**2))
+@pytest.mark.parametrize(
+    ("env_id", "kl_lambda", "n_tasks", "scale"),
+    [
+        ("PointGoal-v0", 0.1, 16, 100),
+        ("SparsePointGoal-v0", 1.0, 16, 100),
+        ("CheetahDir-v0", 0.1, 4, 5),
+        ("CheetahVel-v0", 0.1, 16, 5),
+        ("AntDir-v0", 0.1, 4, 5),
+        ("AntDir2D-v0", 0.1, 4, 5),
+        ("AntGoal-v0", 1.0, 10, 5),
+        ("HopperParams-v0", 0.1, 10, 5),
+        ("WalkerParams-v0", 0.1, 10, 5),
+    ],
+)
+def test_the_zoo_weighs_the_kl_as_pearls_own_configs_do(env_id, kl_lambda, n_tasks, scale):
+    """In the unit of SB3's SAC: there it is summed over a batch of tasks, and rewards are multiplied."""
+    default = inspect.signature(ProductOfGaussians).parameters["kl_weight"].default
+    weight = zoo_config("pearl_sac", env_id).get("encoder_kwargs", {}).get("kl_weight", default)
+    assert weight == pytest.approx(kl_lambda * n_tasks / (2 * scale**2))
 
 
 def test_who_explores_without_a_trial_is_warned():

@@ -5,6 +5,7 @@ import torch as th
 from torch.nn import functional as F
 
 from sb3_bruno.encoders import ENCODERS, Loss, TaskEncoder, check_encoder
+from support.own_encoders import BayesianLinear, MeanReward
 
 
 class Sums(TaskEncoder):
@@ -95,6 +96,30 @@ class Untaught(Sums):
     learns_from = "own"
 
 
+class Frozen(Sums):
+    """Should be taught by the critics, and has nothing to learn."""
+
+    def __init__(self, observation_dim, action_dim):
+        super().__init__(observation_dim, action_dim)
+        self.factor.requires_grad_(False)
+
+
+class Single(Sums):
+    """Begins in single precision, whatever it is."""
+
+    def empty(self, batch_shape=()):
+        return (th.zeros(*batch_shape, 1),)
+
+
+class Batched(Sums):
+    """Takes its input for a batch."""
+
+    def prefixes(self, transitions, weights=None):
+        rewards = transitions.rewards if weights is None else weights.unsqueeze(-1) * transitions.rewards
+        after = rewards.cumsum(dim=min(1, rewards.ndim - 1))
+        return (F.pad(after, (0, 0, 1, 0)),)
+
+
 class VectorLoss(Sums):
     """Forgets the mean."""
 
@@ -102,7 +127,7 @@ class VectorLoss(Sums):
         return Loss(self.factor * sequences.transitions.rewards.sum(dim=(1, 2)), {})
 
 
-@pytest.mark.parametrize("encoder_class", [Sums, *ENCODERS.values()])
+@pytest.mark.parametrize("encoder_class", [Sums, MeanReward, BayesianLinear, *ENCODERS.values()])
 def test_what_works_passes_and_leaves_torchs_random_state(encoder_class):
     state = th.get_rng_state()
     check_encoder(encoder_class)
@@ -119,6 +144,9 @@ def test_what_works_passes_and_leaves_torchs_random_state(encoder_class):
         (CountsPadding, "of weight 0"),
         (Ordered, "set `order = 'time'`"),
         (Unreached, r"no gradient reaches \['idle'\]"),
+        (Frozen, r"Frozen has no parameter to learn: give it one, or set `learns_from = 'own'`"),
+        (Single, r"`empty` makes torch.float32, while the encoder's `factor` is torch.float64"),
+        (Batched, r"a sequence \(time, dim\) differs from that in a batch"),
         (Untaught, r"there is no `loss` that \['factor'\] could learn from: define one, or set `learns_from`"),
         (VectorLoss, r"returns \['total'\] of other shapes"),
     ],

@@ -180,3 +180,12 @@ def test_one_hot_tasks_are_learned():
 def test_what_cannot_be_is_refused(kwargs, told):
     with pytest.raises(ValueError, match=told):
         SupervisedBelief(3, 2, 1, **kwargs)
+
+
+@pytest.mark.parametrize("candidates", [[[0.5, 0.5], [1.0, 0.0]], [[1.0, 1.0], [1.0, 0.0]], [[0.0, 0.0]]])
+def test_a_candidate_that_is_no_one_hot_task_is_refused(candidates):
+    encoder = make_encoder(head="one_hot")
+    with pytest.raises(ValueError, match="needs tasks that are one-hot vectors"):
+        encoder.log_task_likelihood(encoder.empty(), th.tensor(candidates, dtype=th.float64))
+    likely = encoder.log_task_likelihood(encoder.empty((3,)), th.eye(2, dtype=th.float64).expand(3, 2, 2))
+    assert likely.shape == (3, 2)
