@@ -144,9 +144,7 @@ class AgentView:
         question = self._ask(belief, observations, actions, next_observations)
         with th.no_grad():
             mean, std = predictor.moments(*question)
-        own = self._unnormalize(mean)
-        above = self._unnormalize(_each(th.add, mean, std))
-        return Moments(own, _each(th.sub, above, own))
+        return Moments(self._unnormalize(mean), self._unnormalize_std(std))
 
     def _ask(
         self, belief: TaskBelief, observations: ArrayLike, actions: ArrayLike, next_observations: ArrayLike | None
@@ -215,6 +213,13 @@ class AgentView:
         with th.no_grad():
             return TaskBelief(encoder.posterior(memory), memory)
 
+    def _unnormalize_std(self, std: Outcomes) -> Outcomes:
+        """Scale standard deviations, without what is added to values: it may swallow all their digits."""
+        if self.vec_normalize is None:
+            return std
+        far, near = (self._unnormalize(Outcomes(*(_double(part, by) for part in std))) for by in (1.0, 0.0))
+        return Outcomes(*(None if part is None else part.float() for part in _each(th.sub, far, near)))
+
     def _unnormalize(self, samples: Outcomes) -> Outcomes:
         if self.vec_normalize is None:
             return samples
@@ -266,7 +271,12 @@ def _each(function: Callable[[th.Tensor, th.Tensor], th.Tensor], a: Outcomes, b:
 
 def _like(samples: th.Tensor | None, own: NDArray[Any]) -> th.Tensor | None:
     """The samples in the env's own units, in their own shape; None where there are none."""
-    return None if samples is None else th.as_tensor(own, dtype=th.float32).reshape(samples.shape)
+    return None if samples is None else th.as_tensor(own, dtype=samples.dtype).reshape(samples.shape)
+
+
+def _double(samples: th.Tensor | None, factor: float) -> th.Tensor | None:
+    """A multiple of the samples in float64; None where there are none."""
+    return None if samples is None else factor * samples.double()
 
 
 def check_question(observations: ArrayLike, actions: ArrayLike, next_observations: ArrayLike | None) -> None:

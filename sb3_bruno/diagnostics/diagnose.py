@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 import torch as th
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno.algorithms.beliefs import AgentView, TaskBelief
@@ -96,14 +96,15 @@ def diagnose(
         sequences = _pad(inside)
         compared = progress(sequences, shown=progress_bar, about="tasks")
         findings = [_compare(view, of_task, rng, model.task_labels) for of_task in compared]
+        varies = _varying(findings)
         beliefs, explained = _principal_axes(np.stack([found.means for found in findings]))
         levels = None
         if isinstance(encoder, MeasuresDistance):
             levels = np.array([[_levels(view, encoder, episode) for episode in of_task] for of_task in inside])
         return Diagnostics(
             tasks=np.asarray(tasks, dtype=np.float64),
-            quantities=np.array(findings[0].quantities),
-            pit=np.stack([found.pit for found in findings]),
+            quantities=np.array(findings[0].quantities)[varies],
+            pit=np.stack([found.pit for found in findings])[..., varies],
             distance_levels=levels,
             log_scores=_log_scores(view, sequences),
             beliefs=beliefs,
@@ -133,6 +134,7 @@ class _Comparison(NamedTuple):
     Attributes:
         quantities: names of what is modelled.
         pit: (n_episodes, n_steps, n_quantities).
+        bounds: the least and the greatest of each quantity, (2, n_quantities).
         means: posterior means, (n_episodes, horizon + 1, latent_dim).
         real: the first quantity in the first episode, (horizon,).
         predicted: its predictive mean and the ends of the interval, (3, horizon).
@@ -141,10 +143,22 @@ class _Comparison(NamedTuple):
 
     quantities: list[str]
     pit: Floats
+    bounds: Floats
     means: Floats
     real: Floats
     predicted: Floats
     estimate: TaskEstimate | None
+
+
+def _varying(findings: Sequence[_Comparison]) -> NDArray[np.bool_]:
+    """Say which quantities vary, (n_quantities,): one that never does is always predicted, and tells nothing.
+
+    The first counts whatever it does, for the figure shows it.
+    """
+    least, greatest = np.stack([found.bounds for found in findings]).swapaxes(0, 1)
+    varies: NDArray[np.bool_] = greatest.max(axis=0) > least.min(axis=0)
+    varies[0] = True
+    return varies
 
 
 class _Sequences(NamedTuple):
@@ -209,6 +223,8 @@ def _compare(view: AgentView, sequences: _Sequences, rng: np.random.Generator, l
 
     names, real, samples = outcomes(np.s_[:], _spread(horizon, N_SCORED))
     pit = _randomized_ranks(real, samples, rng)
+    flat = real.reshape(-1, real.shape[-1])
+    bounds = np.stack([np.nanmin(flat, axis=0), np.nanmax(flat, axis=0)])
     _, real, samples = outcomes(np.s_[:1], list(range(horizon)))
     first = samples[:, 0, :, 0]
     predicted = np.stack([first.mean(axis=0), *np.quantile(first, INTERVAL, axis=0)])
@@ -216,7 +232,7 @@ def _compare(view: AgentView, sequences: _Sequences, rng: np.random.Generator, l
     is_over = np.isnan(np.asarray(sequences.transitions.rewards)[..., 0])
     means[np.pad(is_over, ((0, 0), (1, 0)))] = np.nan
     estimate = None if view.policy.readout is None else view.read_task(prefixes, labels)
-    return _Comparison(names, pit, means, real[0, :, 0], predicted, estimate)
+    return _Comparison(names, pit, bounds, means, real[0, :, 0], predicted, estimate)
 
 
 def _spread(length: int, at_most: int) -> list[int]:

@@ -21,7 +21,7 @@ class Diagnostics:
     Args:
         tasks: the hidden tasks, ``(n_tasks, task_dim)``.
         quantities: names of the modelled quantities, ``(n_quantities,)``: the reward, then the change of each entry of
-            the observation, as far as the encoder models them.
+            the observation, as far as the encoder models them and they vary.
         pit: probability integral transforms (PIT) of the modelled quantities under the one-step predictive,
             ``(n_tasks, n_episodes, n_steps, n_quantities)``; uniform if the predictive is right.
         log_scores: the log-density of each transition given those before it, in nats,

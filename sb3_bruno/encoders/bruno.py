@@ -52,13 +52,13 @@ class BrunoEncoder(TaskEncoder[Any]):
         n_weights: K, how many weights a process with a kernel has for rewards, and how many for next observations.
         net_arch: hidden layers of the networks of a kernel's features.
         extra_dims: noise dimensions that augment y (section 2.2), without a kernel.
-        flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``, or names one of
+        flow_class: builds a zuko flow from ``(features, context, **flow_kwargs)``, or names one of
             ``sb3_bruno.maths.flow.FLOWS``; None for no flow. With a kernel it maps the reward alone.
         flow_kwargs: further arguments of ``flow_class``.
         objective: which transitions of a sequence are scored given which: ``"paper"``, ``"holdout"`` or
             ``"prequential"``, see ``bound``. What the defaults are worth: ``docs/method.md``.
-        belief: what actor and critics see of the posterior: ``"mean"``, and with it the standard deviations or the
-            variances.
+        belief: what actor and critics see: ``"mean"``, the posterior's, and with it its standard deviations or its
+            variances v; of a Student-t, where they have no bound, those of log(1 + v).
 
     Raises:
         ValueError: if an argument is none of the above, or two do not go together.
@@ -117,6 +117,7 @@ class BrunoEncoder(TaskEncoder[Any]):
         self.task_map: TaskMap | None = None
         self._objective = objective
         self._belief = belief
+        self._is_student_t = process == "kernel_student_t"
         self.shortest_sequence = 2 if objective == "holdout" else 1
         self.belief_dim = self.model.latent_dim * (1 if belief == "mean" else 2)
 
@@ -169,6 +170,8 @@ class BrunoEncoder(TaskEncoder[Any]):
         if self._belief == "mean":
             belief: Tensor = mean
             return belief
+        if self._is_student_t:  # one strange transition multiplies its variances by any number
+            var = var.log1p()
         return th.cat([mean, var if self._belief == "mean_var" else var.sqrt()], dim=-1)
 
     def log_bayes_factor(self, memory: Any, transitions: Transitions) -> Tensor:
@@ -185,8 +188,7 @@ class BrunoEncoder(TaskEncoder[Any]):
         """
         if self.task_map is None:
             raise ValueError("The encoder knows no tasks: use a process with a kernel, and make it by `build`.")
-        scores: Tensor = self.task_map.log_likelihood(self.process, memory, tasks)
-        return scores
+        return self.task_map.log_likelihood(self.process, memory, tasks)
 
     def loss(self, sequences: TaskSequences) -> Loss:
         """Minus the ``bound``, and minus the score of the true tasks, which teaches the map from tasks.
@@ -204,9 +206,9 @@ class BrunoEncoder(TaskEncoder[Any]):
         bound = self._bound(seen, statistics, weights)
         if self.task_map is None:
             return Loss(-bound, {"bound_nats": bound.detach()})
-        if self.training:
-            self.task_map.standardize.update(tasks)
         known = map_memory(Tensor.detach, statistics)
+        if self.training:
+            self.task_map.update(self.process, known, tasks)
         log_z = self.task_map.log_likelihood(self.process, known, tasks.unsqueeze(-2)).squeeze(-1)
         told = (log_z.sum() + (weights * seen.log_det.detach()).sum()) / weights.sum().clamp(min=1)
         return Loss(-bound - told, {"bound_nats": bound.detach(), "task_nats": told.detach()})

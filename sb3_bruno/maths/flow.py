@@ -93,13 +93,15 @@ class ConditionalFlow(nn.Module):
     Args:
         features: dimension of y and z.
         context: dimension of x.
-        flow_class: builds any zuko flow from ``(features, context, **flow_kwargs)``, or a name from ``FLOWS``; None
-            for the identity.
+        flow_class: builds a zuko flow from ``(features, context, **flow_kwargs)``, or a name from ``FLOWS``; None for
+            the identity. It must map without a gradient's help, for agents act in inference mode: GF, NAF, BPF and CNF
+            of zuko do not.
         flow_kwargs: further arguments of ``flow_class``.
 
     Raises:
         ValueError: if ``flow_class`` is a name that is not in ``FLOWS``, or does not take ``flow_kwargs``.
-        TypeError: if ``flow_class`` does not build a zuko flow.
+        TypeError: if ``flow_class`` builds nothing, or no zuko flow.
+        ValueError: also if the flow cannot map in inference mode.
     """
 
     def __init__(
@@ -119,12 +121,24 @@ class ConditionalFlow(nn.Module):
             if flow_class not in FLOWS:
                 raise ValueError(f"flow_class={flow_class!r} is unknown: give one of {sorted(FLOWS)} or a zuko flow.")
             flow_class = FLOWS[flow_class]
+        if not callable(flow_class):
+            raise TypeError(
+                f"flow_class={flow_class!r} builds no flow: give a zuko flow, one of {sorted(FLOWS)} or None."
+            )
         flow = build_flow(flow_class, features, context, flow_kwargs)
         if not isinstance(flow, Flow):
             raise TypeError(
                 f"flow_class={flow_class!r} builds a {type(flow).__name__} and no zuko.lazy.Flow: try zuko.flows.MAF."
             )
         self.transform = flow.transform
+        try:
+            with th.inference_mode(), th.random.fork_rng([]):
+                self.forward(th.zeros(1, features), th.zeros(1, context))
+        except RuntimeError as error:
+            raise ValueError(
+                f"flow_class={flow_class!r} cannot map in inference mode, in which agents act ({error}): use another, "
+                "such as zuko.flows.NSF."
+            ) from error
 
     def forward(self, y: Tensor, x: Tensor) -> Latents:
         """Map y, ``(..., features)``, to its latents, given x, ``(..., context)``."""

@@ -48,8 +48,8 @@ class KernelGaussian(nn.Module):
     The sums are computed in float64 and kept in two floats. With noise variances down to e^-9 and n = 10,000 the sums
     reach 10^9: in float32 they swallow the prior I, and the factorisation fails. A covariance updated by rank one in
     float32 gets negative variances there, and a square root of :math:`\Lambda` updated by QR in float32 (in float64,
-    stored in float32) is wrong by 5 (.07) posterior standard deviations. The sums in pairs are right
-    to 10^-6, and the mean to 10^-3 once it is rounded to float32.
+    stored in float32) is wrong by 5 (.07) posterior standard deviations. The sums in pairs are right to 10^-6, and the
+    mean, once rounded to float32, to 10^-3.
 
     References: Rasmussen and Williams, Gaussian Processes for Machine Learning (2006), section 2.1; Harrison, Sharma
     and Pavone, Meta-Learning Priors for Efficient Online Bayesian Regression (2018).
@@ -78,8 +78,7 @@ class KernelGaussian(nn.Module):
 
     def empty(self, batch_shape: tuple[int, ...] = ()) -> KernelStatistics:
         """Return the statistics of no observations, which stand for the prior: ``(*batch_shape, size)``."""
-        zeros = self._like.new_zeros(*batch_shape, (self.n_weights + 1) ** 2 + 2)
-        return KernelStatistics(zeros, zeros)
+        return KernelStatistics(*[self._like.new_zeros(*batch_shape, (self.n_weights + 1) ** 2 + 2)] * 2)
 
     def count(self, statistics: KernelStatistics) -> Tensor:
         """Return the number of values, ``(..., 1)``."""
@@ -114,10 +113,6 @@ class KernelGaussian(nn.Module):
         mean, factor = self._posterior(self._belief(statistics.sums))
         return self._result(mean), self._result(factor.square().sum(dim=-1))
 
-    def posterior_factor(self, statistics: KernelStatistics) -> Tensor:
-        """Return the Cholesky factor of the covariance of w | set, lower triangular, ``(..., K, K)``."""
-        return self._result(self._posterior(self._belief(statistics.sums))[1])
-
     def posterior(self, statistics: KernelStatistics) -> Distribution:
         """Return p(w | set), of batch shape ``(...)`` and event shape ``(K,)``."""
         belief = self._belief(statistics.sums)
@@ -139,7 +134,7 @@ class KernelGaussian(nn.Module):
 
     def log_predictive(self, statistics: KernelStatistics, features: Features, z: Tensor) -> Tensor:
         """Return log p(z | set), ``(...)``, jointly over the values of ``z``, ``(..., m)``."""
-        return self._log_predictive(statistics.sums, features, z)
+        return self._result(self._log_predictive(statistics.sums, features, z))
 
     def one_step_log_predictives(self, features: Features, z: Tensor, weights: Tensor | None = None) -> Tensor:
         """Score every observation given those before it, ``(..., time)``; the sum is the joint evidence.
@@ -149,11 +144,12 @@ class KernelGaussian(nn.Module):
             z: observations, ``(..., time, m)``.
             weights: which observations those after them are given, as in ``prefixes``. All are scored.
         """
-        return self._log_predictive(prefix_sums(features, z, weights)[..., :-1, :], features, z)
+        return self._result(self._log_predictive(prefix_sums(features, z, weights)[..., :-1, :], features, z))
 
     def log_bayes_factor(self, statistics: KernelStatistics, features: Features, z: Tensor) -> Tensor:
         """Return log p(z | prior) - log p(z | set) in nats, ``(...)``: far above 0 where the task is another."""
-        return self._log_predictive(self.empty().sums, features, z) - self._log_predictive(statistics.sums, features, z)
+        before, after = (self._log_predictive(known.sums, features, z) for known in (self.empty(), statistics))
+        return self._result(before - after)  # rounded once, for both may be large
 
     def sample(self, statistics: KernelStatistics, features: Features, n_samples: int) -> Tensor:
         """Draw from the predictive, ``(n_samples, ..., m)``."""
@@ -163,10 +159,6 @@ class KernelGaussian(nn.Module):
         drawn = _times(spread, mean.new_empty(n_samples, *mean.shape[:-1], self.n_weights).normal_())
         drawn = drawn + noise_std * mean.new_empty(n_samples, *mean.shape).normal_()
         return self._result(mean + self._draw_scale(belief, n_samples).sqrt() * drawn)
-
-    def squared_mahalanobis(self, statistics: KernelStatistics) -> Tensor:
-        """Return q, ``(..., 1)``, whose distribution is chi-squared_N if the model is true."""
-        return self._result(self._belief(statistics.sums).q)
 
     def distance(self, statistics: KernelStatistics) -> Distance:
         """Return q with the distribution that it should have."""
@@ -193,15 +185,27 @@ class KernelGaussian(nn.Module):
         Returns:
             ``(..., n_priors)``, in float64: what tells one prior from another is a small part of it.
         """
-        gram, eta, energy = self._sums(statistics.sums)
-        prior_precision = 1 / var.double()
-        factor = inverse_factor(gram + prior_precision.diag_embed())
-        pulls = mean.double() * prior_precision
-        whitened = (eta.unsqueeze(-2) + pulls) @ factor
-        q = energy + (pulls * mean).sum(dim=-1) - whitened.square().sum(dim=-1)
-        log_volume = statistics.sums[..., -2:-1] + log_det(factor) - prior_precision.log().sum()
-        zero, n_values = th.zeros_like(energy), statistics.sums[..., -1:]
-        return self._log_density(zero, zero, n_values, q.clamp(min=0), log_volume)
+        _, factor, noise_log_det, n_values, q = self._belief_under(statistics.sums, mean, var)
+        log_volume, zero = noise_log_det + log_det(factor) + var.double().log().sum(), th.zeros_like(n_values)
+        return self._log_density(zero, zero, n_values, q, log_volume)
+
+    def spread_under(self, statistics: KernelStatistics, mean: Tensor, var: Tensor) -> Tensor:
+        """Expect how far w lies from the mean of such priors, squared, given the set: ``(..., n_priors, K)``, float64.
+
+        That is the E step of what ``var`` should be, in units of the scale, which is 1 for the Gaussian.
+        """
+        belief = self._belief_under(statistics.sums, mean, var)
+        scale = self._scale(belief._replace(q=belief.q.unsqueeze(-1), n_values=belief.n_values.unsqueeze(-1)))
+        return (belief.mean - mean).square() / scale + belief.factor.square().sum(dim=-1).unsqueeze(-2)
+
+    def _belief_under(self, sums: Tensor, mean: Tensor, var: Tensor) -> Belief:
+        """Return what follows if w ~ N(mean, diag var): its mean is ``(..., n_priors, K)``, q ``(..., n_priors)``."""
+        gram, eta, energy = self._sums(sums)
+        precision, mean = 1 / var.double(), mean.double()
+        factor = inverse_factor(gram + precision.diag_embed())
+        whitened = (eta.unsqueeze(-2) + mean * precision) @ factor
+        q = energy + (precision * mean.square()).sum(dim=-1) - whitened.square().sum(dim=-1)
+        return Belief(whitened @ factor.mT, factor, sums[..., -2:-1], sums[..., -1:], q.clamp(min=0))
 
     def _sums(self, sums: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return Lambda - I, ``(..., K, K)``, eta, ``(..., K)``, and the sum of |z - b|^2 / S, ``(..., 1)``."""
@@ -233,8 +237,7 @@ class KernelGaussian(nn.Module):
     def _log_predictive(self, sums: Tensor, features: Features, z: Tensor) -> Tensor:
         belief = self._belief(sums)
         distance, log_volume = _innovation(belief, features.double(), z.double())
-        log_density = self._log_density(belief.n_values, belief.q, z.shape[-1], distance, log_volume)
-        return self._result(log_density.squeeze(-1))
+        return self._log_density(belief.n_values, belief.q, z.shape[-1], distance, log_volume).squeeze(-1)
 
     def _split(self, sums: Tensor) -> KernelStatistics:
         return KernelStatistics.of(sums, self._like.dtype)

@@ -3,6 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch as th
 import zuko
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
@@ -110,6 +111,23 @@ def test_moments_come_in_the_envs_own_units(normalize):
     np.testing.assert_allclose(std.rewards / samples.rewards.std(dim=0), 1, rtol=0.05)
     with pytest.raises(ValueError, match="`actions`"):
         model.predict_moments(belief, here, np.full((4, 1), np.nan))
+
+
+@pytest.mark.parametrize("normalize", [False, True])
+def test_standard_deviations_keep_their_digits_far_from_zero(normalize):
+    model = make_model(normalize, flow_class=None, flow_kwargs=None)
+    unit = np.ones(3)
+    if normalize:
+        statistics = model.get_vec_normalize_env().obs_rms["observation"]
+        statistics.mean, unit = np.full(3, 5e4), np.sqrt(statistics.var + model.get_vec_normalize_env().epsilon)
+    rng = np.random.default_rng(0)
+    belief = model.infer(Transitions(*(5e4 * (dim == 3) + rng.normal(size=(4, 6, dim)) for dim in (3, 1, 1, 3))))
+    here, action = 5e4 + rng.normal(size=(4, 3)), rng.normal(size=(4, 1))
+    found = model.predict_moments(belief, here, action).std.next_observations
+    asked = model._view._ask(belief, here, action, None)
+    with th.no_grad():
+        truth = model.encoder.moments(*asked).std.next_observations.numpy()
+    np.testing.assert_allclose(found, truth * unit, rtol=1e-6)
 
 
 def test_candidate_tasks_are_probable_as_their_likelihood_and_their_prior_say():

@@ -267,3 +267,27 @@ def test_an_encoder_that_measures_no_distance_is_diagnosed_without() -> None:
     expected = diagnose(whole, make_point_dir, [[1.0, 0.0]], n_episodes=2)
     assert found.distance_levels is None and expected.distance_levels is not None
     np.testing.assert_array_equal(found.pit, expected.pit)
+
+
+class WithConstants(gym.ObservationWrapper[Row, Row, Row]):
+    """Appends two entries that never change to the observation of Pendulum."""
+
+    def __init__(self) -> None:
+        super().__init__(gym.make("Pendulum-v1", max_episode_steps=20))
+        self.observation_space = Box(-10.0, 10.0, (5,), dtype=np.float32)
+
+    def observation(self, observation: Row) -> Row:
+        return np.append(observation, np.float32([0.0, 3.5]))
+
+
+def test_entries_of_the_observation_that_never_change_are_left_out() -> None:
+    def set_gravity(pendulum: Any, task: Row) -> None:
+        pendulum.g = float(task[0])
+
+    def make() -> gym.Env[Any, Any]:
+        return TransitionObservation(MetaTask(WithConstants(), set_gravity, [[8.0], [12.0]]))
+
+    model = BrunoSAC("MlpPolicy", make(), encoder_kwargs={**SMALL, "modelled": "both"}, **SETTINGS)
+    found = diagnose(model, make, [[8.0], [12.0]], n_episodes=1)
+    assert found.quantities.tolist() == ["reward", *(f"change of observation {i}" for i in range(3))]
+    assert found.pit.shape[-1] == len(found.coverage(0.5)) == 4

@@ -204,8 +204,8 @@ def test_rewards_follow_from_next_observations_that_were_drawn():
         shuffled = encoder.see(Transitions(here, action.expand(n, 2), rewards.roll(1, 0), there))
         assert -encoder.process.log_predictive(memory, *shuffled.given, shuffled.z).mean() > entropy
         # The squared distance of such draws is chi-squared with 4 degrees of freedom.
-        added = encoder.process.squared_mahalanobis(encoder.process.absorb(memory, *seen.given, seen.z))
-        assert (added - encoder.process.squared_mahalanobis(memory)).mean().item() == pytest.approx(4.0, abs=0.1)
+        added = encoder.process.distance(encoder.process.absorb(memory, *seen.given, seen.z)).beta
+        assert (added - encoder.process.distance(memory).beta).mean().item() == pytest.approx(4.0, abs=0.1)
 
 
 @pytest.mark.parametrize("process", ["kernel", "kernel_student_t"])
@@ -260,3 +260,19 @@ def test_moments_of_batches_and_of_a_process_without_a_kernel():
 def test_bad_arguments_are_named(bad):
     with pytest.raises(ValueError, match=next(iter(bad))):
         encoder_of(**bad)
+
+
+@pytest.mark.parametrize("form", ["mean_std", "mean_var"])
+def test_the_spread_in_a_belief_is_bounded_whatever_comes(form):
+    """One reward of 1e6 multiplies a Student-t's variances by as much as it likes."""
+    th.manual_seed(0)
+    encoder = BrunoEncoder(3, 2, process="kernel_student_t", n_weights=2, net_arch=(8,), flow_class=None, belief=form)
+    transitions = transitions_of(20)
+    encoder.double().eval()
+    before = encoder.belief(last(encoder.prefixes(transitions)))[..., encoder.belief_dim // 2 :]
+    transitions.rewards[..., 10, :] = 1e6
+    memory = last(encoder.prefixes(transitions))
+    after = encoder.belief(memory)[..., encoder.belief_dim // 2 :]
+    var = encoder.process.posterior_moments(memory)[1]
+    assert var.max() > 3 and before.max() < 1 and after.max() < 2.1
+    th.testing.assert_close(after, var.log1p() if form == "mean_var" else var.log1p().sqrt())

@@ -142,3 +142,15 @@ def test_the_layers_compute_what_zukos_do():
 def test_what_is_no_flow_is_refused():
     with pytest.raises(TypeError, match=r"flow_class=.*Linear.* no zuko.lazy.Flow"):
         ConditionalFlow(2, 3, flow_class=th.nn.Linear)
+
+
+@pytest.mark.parametrize("flow_class", [zuko.flows.GF, zuko.flows.NAF, zuko.flows.BPF, zuko.flows.CNF])
+def test_a_flow_that_cannot_map_in_inference_mode_is_refused(flow_class):
+    with pytest.raises(ValueError, match=r"flow_class=.*cannot map in inference mode.*use another"):
+        ConditionalFlow(1, 3, flow_class=flow_class)
+
+
+@pytest.mark.parametrize("flow_class", [3, 0.5, ("spline",), {}])
+def test_what_builds_no_flow_is_refused_by_its_value(flow_class):
+    with pytest.raises(TypeError, match=r"flow_class=.* builds no flow: give a zuko flow, one of .*spline"):
+        ConditionalFlow(1, 3, flow_class=flow_class)

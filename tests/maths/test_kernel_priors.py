@@ -9,6 +9,7 @@ from scipy.stats import multivariate_normal, multivariate_t
 
 from sb3_bruno.maths.kernel_process import KernelGaussian
 from sb3_bruno.maths.kernel_process_t import KernelStudentT
+from sb3_bruno.maths.kernel_statistics import Features
 from support.kernels import Dense, draw_observations
 
 sizes, lengths, seeds = st.integers(1, 4), st.integers(0, 7), st.integers(0, 2**31)
@@ -41,3 +42,18 @@ def test_evidence_under_another_prior_is_the_dense_t(k, m, n, df, seed):
     df = process.df.item()  # which was rounded to float32; SciPy takes a shape matrix
     truth = multivariate_t(dense.phi @ mean, cov * (df - 2) / df, df=df).logpdf(dense.error)
     assert found == pytest.approx(truth, rel=1e-8, abs=1e-8)
+
+
+def test_a_bayes_factor_is_rounded_once():
+    """Of two log-densities of -1e5, in float32 each is right to .004 and their difference to no digit."""
+    process, seen = KernelGaussian(3), draw_observations(0, 40, n_weights=3, n_values=2)
+    single = [part.float() for part in (*seen[0], seen[1])]
+    features, z = Features(*single[:3]), single[3]
+    statistics = process.statistics(features, z)
+    new = Features(*(part[0] for part in features))
+    far = 300.0 * new.noise_var.sqrt() + z[0]
+    exact = KernelGaussian(3).double()
+    known = exact.statistics(features.double(), z.double())
+    truth = exact.log_bayes_factor(known, new.double(), far.double())
+    assert abs(exact.log_predictive(known, new.double(), far.double())) > 3e4
+    assert process.log_bayes_factor(statistics, new, far).item() == pytest.approx(truth.item(), rel=1e-5)
