@@ -31,7 +31,7 @@ from sb3_bruno.encoders import (
     Transitions,
 )
 from sb3_bruno.encoders.abilities import check_ability
-from sb3_bruno.encoders.base import AnyMemory, map_memory
+from sb3_bruno.encoders.base import AnyMemory
 from sb3_bruno.encoders.task_readout import ListReadout
 
 
@@ -86,12 +86,8 @@ class AgentView:
         _check_entries(dict(zip(Transitions._fields, transitions, strict=True)))
         if observed.rewards.ndim < 2:
             raise ValueError("`rewards` has shape (1,): give sequences, (..., time, 1), of time 1 for one transition.")
-        *batch_shape, _, _ = observed.rewards.shape
         with th.no_grad():
-            memory: AnyMemory = self.encoder.empty(tuple(batch_shape))
-            if observed.rewards.numel() > 0:  # torch cannot run a flow on nothing
-                time = len(batch_shape)  # an encoder may keep matrices, so it need not be the last axis but one
-                memory = map_memory(lambda prefixes: prefixes.select(time, -1), self.encoder.prefixes(observed))
+            memory: AnyMemory = self.encoder.last(observed)
             return memory
 
     def remembered(self, state: State) -> AnyMemory:

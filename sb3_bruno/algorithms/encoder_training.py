@@ -21,7 +21,7 @@ from sb3_bruno.algorithms.values import check_whole
 from sb3_bruno.buffers import TaskReplayBuffer
 from sb3_bruno.buffers.long_episodes import EARLIER, WINDOW, newest, whole
 from sb3_bruno.encoders import HasPosterior, Loss, TaskEncoder
-from sb3_bruno.encoders.base import map_memory, training_mode
+from sb3_bruno.encoders.base import training_mode
 from sb3_bruno.encoders.checker import check_has_something_to_teach
 
 RECALLED = 64
@@ -268,7 +268,7 @@ class EncoderTraining(OffPolicyAlgorithm):
         transitions = self.replay_buffer.transitions(rows.slots, self._vec_normalize_env)
         with th.no_grad():
             weights = self.replay_buffer.to_torch(self.replay_buffer.absorbed(rows.slots) * rows.counts)
-            memory = map_memory(lambda prefixes: prefixes[:, -1], self.encoder.prefixes(transitions, weights))
+            memory = self.encoder.last(transitions, weights)
             memory = self.encoder.with_noise_of(memory, self._carried.memory)  # z is not redrawn in mid-episode
             if isinstance(self.encoder, HasPosterior):
                 posterior = self.encoder.posterior(memory)

@@ -195,7 +195,7 @@ class ReadoutTraining(EncoderTraining):
         )
         transitions, tasks, weights = told.sequences
         with th.no_grad():
-            features = readout.features(self.encoder, self.encoder.prefixes(transitions, weights))
+            features = readout.prefix_features(self.encoder, transitions, weights)
         columns, counts = _draw_columns(told.is_read, self._readout_rng)
         places, counted, is_spared = to_device([columns, counts, told.is_spared[:, None]], self.device)
         features = features.take_along_dim(places.long().unsqueeze(-1), dim=1)

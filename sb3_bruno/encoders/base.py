@@ -144,6 +144,16 @@ class TaskEncoder(nn.Module, ABC, Generic[Memory]):
         of order "any" absorbs one of weight k as if k times; k need not be whole. One of order "time" absorbs it once.
         """
 
+    def last(self, transitions: Transitions, weights: Tensor | None = None) -> Memory:
+        """Make the last memory of ``prefixes``, that of all transitions: (..., time, dim) -> (...). Of none, the prior.
+
+        Override it where that is cheaper than to make the memories of all prefixes.
+        """
+        batch_shape = tuple(transitions.rewards.shape[:-2])
+        if transitions.rewards.numel() == 0:  # torch runs no flow or recurrent network on nothing
+            return self.empty(batch_shape)
+        return map_memory(lambda states: states.select(len(batch_shape), -1), self.prefixes(transitions, weights))
+
     @abstractmethod
     def belief(self, memory: Memory) -> Tensor:
         """Read the belief off a memory, as a vector for actor and critics, shape (..., belief_dim)."""

@@ -23,7 +23,7 @@ from torch.nn import functional as F
 from sb3_bruno.encoders.attention import WindowedLayer
 from sb3_bruno.encoders.base import Order, TaskEncoder, Teacher, Transitions
 from sb3_bruno.encoders.choices import check_least
-from sb3_bruno.encoders.counted import counted_first, flat, prefixes_of_counted
+from sb3_bruno.encoders.counted import counted_first, flat, last_of_counted, prefixes_of_counted
 
 
 class TransformerArguments(TypedDict, total=False):
@@ -111,19 +111,26 @@ class CausalTransformer(TaskEncoder[TransformerMemory]):
 
     def prefixes(self, transitions: Transitions, weights: Tensor | None = None) -> TransformerMemory:
         """Run all layers once over what counts, then look up each prefix. Its windows are views, if all count."""
-        batch_shape, counted, output, keys_and_values = self._run(transitions, weights)
-        padded = F.pad(keys_and_values, (0, 0, self._window, 0))
-        windows = padded.unfold(1, self._window, 1).transpose(-1, -2).flatten(2)
-        count = th.arange(output.shape[1], device=output.device).clamp(max=self._window).to(output)
-        memory = TransformerMemory(output, windows, count.reshape(1, -1, 1).expand(len(output), -1, 1))
+        batch_shape, counted, memory = self._run(transitions, weights)
         if counted is not None:
             memory = TransformerMemory(*(prefixes_of_counted(states, counted) for states in memory))
         return TransformerMemory(*(states.reshape(*batch_shape, *states.shape[1:]) for states in memory))
 
+    def last(self, transitions: Transitions, weights: Tensor | None = None) -> TransformerMemory:
+        """Make the memory of all transitions, without the windows of the prefixes before."""
+        if transitions.rewards.numel() == 0:
+            return super().last(transitions, weights)
+        batch_shape, counted, memory = self._run(transitions, weights)
+        if counted is None:
+            memory = TransformerMemory(*(states[:, -1] for states in memory))
+        else:
+            memory = TransformerMemory(*(last_of_counted(states, counted) for states in memory))
+        return TransformerMemory(*(states.reshape(*batch_shape, *states.shape[1:]) for states in memory))
+
     def prefix_beliefs(self, transitions: Transitions, weights: Tensor | None, noise: TransformerMemory) -> Tensor:
         """Read the beliefs of prefixes, without the windows, which are 64 times as large."""
-        batch_shape, counted, output, _ = self._run(transitions, weights)
-        beliefs = output if counted is None else prefixes_of_counted(output, counted)
+        batch_shape, counted, memory = self._run(transitions, weights)
+        beliefs = memory.output if counted is None else prefixes_of_counted(memory.output, counted)
         return beliefs.reshape(*batch_shape, *beliefs.shape[1:])
 
     def belief(self, memory: TransformerMemory) -> Tensor:
@@ -131,13 +138,12 @@ class CausalTransformer(TaskEncoder[TransformerMemory]):
 
     def _run(
         self, transitions: Transitions, weights: Tensor | None
-    ) -> tuple[tuple[int, ...], Tensor | None, Tensor, Tensor]:
+    ) -> tuple[tuple[int, ...], Tensor | None, TransformerMemory]:
         """Run all layers over what counts.
 
         Returns:
-            The batch shape, the weights (batch, time) unless all count, the outputs before and after each transition
-            (batch, time + 1, hidden_size), and the keys and values of each layer (batch, time, 2 * n_layers *
-            hidden_size).
+            The batch shape, the weights (batch, time) unless all count, and the memories before and after each
+            transition that counts, batch shape (batch, time + 1), whose windows are views.
         """
         x = self.embedding(th.cat(transitions.blanked(weights), dim=-1))
         batch_shape = tuple(x.shape[:-2])
@@ -150,4 +156,8 @@ class CausalTransformer(TaskEncoder[TransformerMemory]):
         for layer in self.layers:
             seen.append(layer.keys_and_values(x))
             x = layer(x, seen[-1])
-        return batch_shape, counted, F.pad(self.norm(x), (0, 0, 1, 0)), th.cat(seen, dim=-1)
+        output = F.pad(self.norm(x), (0, 0, 1, 0))
+        windows = F.pad(th.cat(seen, dim=-1), (0, 0, self._window, 0)).unfold(1, self._window, 1)
+        n = th.arange(output.shape[1], device=output.device).clamp(max=self._window).to(output)
+        n = n.reshape(1, -1, 1).expand(len(output), -1, 1)
+        return batch_shape, counted, TransformerMemory(output, windows.transpose(-1, -2).flatten(2), n)

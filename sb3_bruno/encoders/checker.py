@@ -83,10 +83,19 @@ def _check_prefixes(encoder: TaskEncoder, transitions: Transitions) -> None:
 
 
 def _check_unbatched(encoder: TaskEncoder, transitions: Transitions) -> None:
-    """One sequence by itself, as an agent is asked about it."""
-    alone = encoder.prefixes(Transitions(*(column[0] for column in transitions)))
-    if not _same(encoder, alone, map_memory(lambda states: states[0], encoder.prefixes(transitions))):
+    """One sequence by itself, as an agent is asked about it, and what else tells of ``prefixes``."""
+    prefixes, alone = encoder.prefixes(transitions), Transitions(*(column[0] for column in transitions))
+    if not _same(encoder, encoder.prefixes(alone), map_memory(lambda states: states[0], prefixes)):
         raise ValueError("`prefixes` of a sequence (time, dim) differs from that in a batch: count axes from the end.")
+    if not _same(encoder, encoder.last(transitions), _at(prefixes, -1)):
+        raise ValueError(
+            "`last` differs from the last memory of `prefixes`: agents are asked about the one, trained on all."
+        )
+    beliefs = encoder.prefix_beliefs(transitions, None, encoder.empty((_BATCH, 1)))
+    if not th.allclose(beliefs.double(), encoder.belief(prefixes).double(), rtol=1e-6, atol=1e-8):
+        raise ValueError(
+            "`prefix_beliefs` differs from the beliefs of `prefixes`: make them the same, or leave it out."
+        )
 
 
 def _check_weights(encoder: TaskEncoder, transitions: Transitions, others: Transitions) -> None:

@@ -26,6 +26,14 @@ def prefixes_of_counted(states: Tensor, counted: Tensor) -> Tensor:
     return states.gather(1, n_before.expand(*n_before.shape[:2], states.shape[-1]))
 
 
+def last_of_counted(states: Tensor, counted: Tensor) -> Tensor:
+    """Look up the states after all that counts: (batch, time + 1, dim), (batch, time) -> (batch, dim)
+
+    Example: where 1 0 1 count, s_2 of states s_0 ... s_3.
+    """
+    return states[th.arange(len(states), device=states.device), counted.sum(dim=1)]
+
+
 def flat(x: Tensor, weights: Tensor | None) -> tuple[Tensor, Tensor | None]:
     """Give sequences (..., time, dim) one batch dimension, and say what counts of them.
 

@@ -16,7 +16,7 @@ from torch.nn import functional as F
 from zuko.nn import MLP
 
 from sb3_bruno.encoders.abilities import HasPosterior
-from sb3_bruno.encoders.base import TaskEncoder
+from sb3_bruno.encoders.base import TaskEncoder, Transitions
 from sb3_bruno.encoders.task_heads import GaussianHead
 from sb3_bruno.maths.standardize import Standardize
 
@@ -66,6 +66,22 @@ class TaskReadout(nn.Module, ABC):
             return encoder.belief(memory)
         log_var = var.clamp(min=th.finfo(th.float32).tiny).log()
         return th.cat([mean, log_var.clamp(-LARGEST_LOG_VAR, LARGEST_LOG_VAR)], dim=-1)
+
+    @classmethod
+    def prefix_features(cls, encoder: TaskEncoder, transitions: Transitions, weights: Tensor | None) -> Tensor:
+        """Return the features of the first 0, 1, ..., time transitions, (..., time + 1, feature_dim).
+
+        The memories, which may be large, are made only where there is a posterior to read off them.
+
+        Args:
+            encoder: reads the transitions.
+            transitions: shape (..., time, dim).
+            weights: as ``prefixes`` of the encoder takes them, (..., time).
+        """
+        if isinstance(encoder, HasPosterior):
+            return cls.features(encoder, encoder.prefixes(transitions, weights))
+        no_noise = encoder.empty((*transitions.rewards.shape[:-2], 1))
+        return encoder.prefix_beliefs(transitions, weights, no_noise)
 
     def read(self, encoder: TaskEncoder, memory: Any) -> Reading:
         """Read the task off a memory, batch shape (...)."""

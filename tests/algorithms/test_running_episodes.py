@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from stable_baselines3.common.env_util import make_vec_env
 
-from sb3_bruno import BrunoSAC, RecurrentSAC
-from support.tiny_models import POINT, n_absorbed, tiny
+from sb3_bruno import BrunoSAC, RecurrentSAC, TaskSAC
+from support.largest_tensor import LargestTensor
+from support.tiny_models import POINT, TINY, n_absorbed, tiny
 
 LENGTH = 5_000
 
@@ -35,6 +36,16 @@ def test_an_encoder_that_reads_in_time_reads_all_and_as_seldom_as_that_takes():
     for _ in range(2 * LENGTH // 64 + 2):
         model._recall_running_episodes()
     assert encoded == [LENGTH] * 2
+
+
+def test_a_round_of_updates_copies_the_window_of_a_transformer_for_no_step_but_the_newest():
+    kwargs = {"encoder_class": "causal_transformer", "encoder_kwargs": {"hidden_size": 8, "window": 200}}
+    model = TaskSAC("MlpPolicy", POINT, **TINY, **kwargs).learn(57)  # 27 steps into the second episode
+    model._readout_due = 7
+    with LargestTensor() as largest:
+        model.train(1, 16)
+    assert model.logger.name_to_value["readout/loss"] and model.logger.name_to_value["belief/mean_abs"]
+    assert largest.n_bytes < 20 * model._carried.memory.window.nbytes
 
 
 @pytest.mark.parametrize(

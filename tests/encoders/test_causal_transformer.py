@@ -6,6 +6,7 @@ import pytest
 import torch as th
 
 from sb3_bruno.encoders import CausalTransformer, Transitions
+from support.largest_tensor import LargestTensor
 from support.small_encoder import transitions_of
 
 
@@ -71,6 +72,15 @@ def test_windows_of_prefixes_take_no_memory_where_all_counts(weights):
     encoder, transitions = make(window=64), transitions_of(2, 50)
     windows = encoder.prefixes(transitions, weights).window
     assert windows.untyped_storage().nbytes() < windows.numel() * windows.element_size() / 20
+
+
+@pytest.mark.parametrize("n_left_out", [0, 1, 300])
+def test_no_windows_are_copied_for_the_last_memory_but_its_own(n_left_out):
+    encoder, transitions, weights = make(window=64), transitions_of(2, 300), th.ones(2, 300).double()
+    weights[:, :n_left_out] = 0
+    with LargestTensor() as largest:
+        memory = encoder.last(transitions, weights)
+    assert largest.n_bytes < 301 * memory.window.nbytes / 4
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,7 @@ from sb3_bruno.encoders.recurrent_vae import VaeArguments
 from sb3_bruno.encoders.split_aggregator import SplitArguments
 from sb3_bruno.encoders.supervised_belief import SupervisedArguments
 from support.small_encoder import SMALL, transitions_of
+from support.stream import Recorder
 
 CASES = {
     "bruno": (BrunoEncoder, {}),
@@ -125,6 +126,31 @@ def test_prefixes_are_absorbing_one_by_one(encoder, batch_shape):
             after = encoder.absorb(memory, Transitions(*(column[..., t, :] for column in transitions)))
             counts = weights[..., t, None] > 0
             memory = map_memory(lambda new, old, counts=counts: th.where(counts, new, old), after, memory)
+
+
+def test_the_last_memory_is_that_of_all_transitions(encoder):
+    for batch_shape in ((), (3,), (2, 3)):
+        transitions, weights = transitions_of(*batch_shape, 9), weights_of(*batch_shape, 9)
+        uneven = weights * th.linspace(0.5, 2.5, 9).double()
+        for given in (None, th.ones_like(weights), weights, uneven, 0 * weights):
+            expected = at(encoder.prefixes(transitions, given), -1)
+            assert_close(encoder.last(transitions, given), expected, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("batch_shape", [(), (3,), (2, 3), (0,)])
+def test_of_no_transitions_the_last_memory_is_empty(encoder, batch_shape):
+    nothing = transitions_of(*batch_shape, 0)
+    for weights in (None, th.ones(*batch_shape, 0).double()):
+        assert_close(encoder.last(nothing, weights), encoder.empty(batch_shape), rtol=0, atol=0)
+
+
+def test_the_last_memory_may_hold_tensors_of_any_shape():
+    class InMatrices(Recorder):
+        def prefixes(self, transitions, weights=None):
+            return map_memory(lambda states: states.unflatten(-1, (1, 2)), super().prefixes(transitions, weights))
+
+    transitions = Transitions(*(th.ones(4, 9, 1) for _ in range(4)))
+    th.testing.assert_close(InMatrices().last(transitions), (th.full((4, 1, 2), 9.0),))
 
 
 def test_without_weights_all_count(encoder):

@@ -120,6 +120,20 @@ class Batched(Sums):
         return (F.pad(after, (0, 0, 1, 0)),)
 
 
+class OtherLast(Sums):
+    """Has a memory of its own for the last."""
+
+    def last(self, transitions, weights=None):
+        return (super().last(transitions, weights)[0] + 1,)
+
+
+class OtherBeliefs(Sums):
+    """Trains on other beliefs than it acts on."""
+
+    def prefix_beliefs(self, transitions, weights, noise):
+        return super().prefix_beliefs(transitions, weights, noise) + 1
+
+
 class VectorLoss(Sums):
     """Forgets the mean."""
 
@@ -147,6 +161,8 @@ def test_what_works_passes_and_leaves_torchs_random_state(encoder_class):
         (Frozen, r"Frozen has no parameter to learn: give it one, or set `learns_from = 'own'`"),
         (Single, r"`empty` makes torch.float32, while the encoder's `factor` is torch.float64"),
         (Batched, r"a sequence \(time, dim\) differs from that in a batch"),
+        (OtherLast, "`last` differs from the last memory of `prefixes`"),
+        (OtherBeliefs, "`prefix_beliefs` differs from the beliefs of `prefixes`"),
         (Untaught, r"there is no `loss` that \['factor'\] could learn from: define one, or set `learns_from`"),
         (VectorLoss, r"returns \['total'\] of other shapes"),
     ],

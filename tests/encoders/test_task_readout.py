@@ -3,7 +3,7 @@
 import pytest
 import torch as th
 
-from sb3_bruno.encoders import RandomFeatures, find_encoder
+from sb3_bruno.encoders import ENCODERS, RandomFeatures, find_encoder
 from sb3_bruno.encoders.task_readout import DensityReadout, ListReadout, TaskReadout, make_readout
 from support.small_encoder import transitions_of
 
@@ -95,11 +95,14 @@ def test_what_does_not_count_teaches_nothing():
     assert loss == readout.loss(features, tasks, counts, spared)
 
 
-@pytest.mark.parametrize("name", ["bruno", "recurrent", "product_of_gaussians", "random_features", "recurrent_vae"])
+@pytest.mark.parametrize("name", ENCODERS)
 def test_every_encoder_can_be_read(name):
     encoder = find_encoder(name).build(3, 2, 2)
     readout = make_readout(encoder, 2, None).double().eval()
-    memory = encoder.double().prefixes(transitions_of(4, 5))
+    transitions, weights = transitions_of(4, 5), th.tensor([1.0, 0.0, 1.0, 1.0, 0.0]).double().expand(4, 5)
+    memory = encoder.double().prefixes(transitions, weights)
+    features = readout.prefix_features(encoder, transitions, weights)
+    th.testing.assert_close(features, readout.features(encoder, memory), rtol=0, atol=0)
     reading = readout.read(encoder, memory)
     assert reading.mean.shape == reading.std.shape == (4, 6, 2)
     assert (reading.std > 0).all()
