@@ -33,7 +33,7 @@ def check_encoder(
         _check_precision(encoder)
         _check_shapes(encoder, transitions)
         _check_prefixes(encoder, transitions)
-        _check_unbatched(encoder, transitions)
+        _check_alike(encoder, transitions)
         _check_weights(encoder, transitions, _random_transitions(observation_dim, action_dim))
         _check_order(encoder, transitions)
         _check_learning(encoder, transitions)
@@ -82,15 +82,13 @@ def _check_prefixes(encoder: TaskEncoder, transitions: Transitions) -> None:
             memory = encoder.absorb(memory, Transitions(*(column[:, t] for column in transitions)))
 
 
-def _check_unbatched(encoder: TaskEncoder, transitions: Transitions) -> None:
-    """One sequence by itself, as an agent is asked about it, and what else tells of ``prefixes``."""
+def _check_alike(encoder: TaskEncoder, transitions: Transitions) -> None:
+    """What else tells of ``prefixes`` says the same: a sequence by itself, ``last`` and ``prefix_beliefs``."""
     prefixes, alone = encoder.prefixes(transitions), Transitions(*(column[0] for column in transitions))
     if not _same(encoder, encoder.prefixes(alone), map_memory(lambda states: states[0], prefixes)):
         raise ValueError("`prefixes` of a sequence (time, dim) differs from that in a batch: count axes from the end.")
     if not _same(encoder, encoder.last(transitions), _at(prefixes, -1)):
-        raise ValueError(
-            "`last` differs from the last memory of `prefixes`: agents are asked about the one, trained on all."
-        )
+        raise ValueError("`last` differs from the last memory of `prefixes`: make it the same, or leave it out.")
     beliefs = encoder.prefix_beliefs(transitions, None, encoder.empty((_BATCH, 1)))
     if not th.allclose(beliefs.double(), encoder.belief(prefixes).double(), rtol=1e-6, atol=1e-8):
         raise ValueError(
