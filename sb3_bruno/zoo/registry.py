@@ -13,7 +13,7 @@ from rl_zoo3.hyperparams_opt import HYPERPARAMS_CONVERTER, HYPERPARAMS_SAMPLER
 
 import sb3_bruno
 from sb3_bruno.algorithms.task_inference import TaskInference
-from sb3_bruno.encoders import find_encoder
+from sb3_bruno.encoders import TaskEncoder, find_encoder
 from sb3_bruno.zoo.one_line import in_one_line
 from sb3_bruno.zoo.sampler import SearchSpace
 
@@ -43,6 +43,15 @@ def register() -> None:
         HYPERPARAMS_SAMPLER[name], HYPERPARAMS_CONVERTER[name] = sampler_of(name, {}), converter_of(name, {})
 
 
+def encoder_of(algo: str, config: Mapping[str, Any]) -> type[TaskEncoder]:
+    """Find the class of the encoder that a config chooses, or the default of one of our algorithms.
+
+    Raises:
+        ValueError: if there is no encoder of that name.
+    """
+    return find_encoder(config.get("encoder_class") or ALGORITHMS[algo].default_encoder)
+
+
 def search_space_of(algo: str, config: Mapping[str, Any]) -> SearchSpace | None:
     """Make the search space of one of our algorithms with a config, which may choose another encoder.
 
@@ -55,8 +64,7 @@ def search_space_of(algo: str, config: Mapping[str, Any]) -> SearchSpace | None:
     """
     if algo not in ALGORITHMS:
         return None
-    encoder_class = config.get("encoder_class") or ALGORITHMS[algo].default_encoder
-    return SearchSpace(find_encoder(encoder_class), config.get("encoder_kwargs"))
+    return SearchSpace(encoder_of(algo, config), config.get("encoder_kwargs"))
 
 
 def sampler_of(algo: str, config: Mapping[str, Any]) -> Callable[..., dict[str, Any]]:

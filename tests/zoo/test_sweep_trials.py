@@ -12,11 +12,18 @@ import yaml
 from optuna.trial import TrialState
 
 from sb3_bruno import BrunoSAC
-from sb3_bruno.encoders import BrunoEncoder, RecurrentEncoder, find_encoder
-from sb3_bruno.zoo.configs import config_file
+from sb3_bruno.encoders import (
+    BrunoEncoder,
+    MeanEmbedding,
+    ProductOfGaussians,
+    RecurrentEncoder,
+    SplitAggregator,
+    find_encoder,
+)
+from sb3_bruno.zoo.configs import config_file, merged
 from sb3_bruno.zoo.held_out import hold_out, listed_tasks
 from sb3_bruno.zoo.processes import is_gone, this_process
-from sb3_bruno.zoo.registry import ALGORITHMS, converter_of, register, sampler_of
+from sb3_bruno.zoo.registry import ALGORITHMS, converter_of, register, sampler_of, search_space_of
 from sb3_bruno.zoo.sampler import SearchSpace
 from sb3_bruno.zoo.study import create_study, load_study
 from sb3_bruno.zoo.sweep import SweepExperiment
@@ -119,6 +126,52 @@ def test_a_value_that_the_encoder_refuses_beside_the_config_is_not_drawn():
     )
     assert trial.distributions["process"].choices == ("gaussian",)
     assert trial.distributions["n_weights"].choices == BrunoEncoder.search_space["n_weights"]
+
+
+ABLATIONS = [
+    ("varibad_sac", {"encoder_kwargs": {"learns_from": "critic"}}),
+    ("varibad_sac", {"encoder_kwargs": {"learns_from": "actor"}}),
+    ("bruno_sac", {"encoder_class": "mean_embedding", "encoder_kwargs": {"learns_from": "critic"}}),
+    ("bruno_td3", {"encoder_class": "mean_embedding", "encoder_kwargs": {"learns_from": "actor"}}),
+    ("pearl_sac", {"encoder_kwargs": {"information_bottleneck": False}}),
+    ("pearl_sac", {"encoder_kwargs": {"belief": "sample"}}),
+    ("bruno_sac", {"encoder_class": "split_aggregator", "encoder_kwargs": {"rnn": False}}),
+    ("belief_sac", {"encoder_kwargs": {"head": "mixture"}}),
+    ("bruno_crossq", {"encoder_kwargs": {"process": "gaussian", "extra_dims": 2}}),
+]
+
+
+@pytest.mark.parametrize(("algo", "config"), ABLATIONS, ids=str)
+def test_what_is_drawn_suits_the_encoder_that_the_config_makes(algo, config):
+    trial = optuna.create_study().ask()
+    drawn = sampler_of(algo, config)(trial, 2, 10, {})
+    assert converter_of(algo, config)({**trial.params, "n_envs": 10}) == drawn
+    model = ALGORITHMS[algo]("MlpPolicy", "PointDir-v0", **merged(config, drawn))
+    assert ("encoder_update_ratio" in drawn) == (model.encoder.learns_from == "own")
+    assert ("context" in trial.params) == (model.encoder.order == "any")
+
+
+def test_an_argument_of_which_the_encoder_takes_no_value_is_not_drawn():
+    space = search_space_of("pearl_sac", {"encoder_kwargs": {"information_bottleneck": False}})
+    assert space.searched.keys() == ProductOfGaussians.search_space.keys() - {"kl_weight"}
+    wrong = search_space_of("pearl_sac", {"encoder_kwargs": {"latent_dim": 0, "belief": "none"}})
+    assert wrong.searched == ProductOfGaussians.search_space  # so that each trial tells what is wrong
+
+
+def test_of_a_range_only_the_integers_are_drawn_that_the_encoder_takes():
+    even = type("Ours", (SplitAggregator,), {"search_space": {"hidden_size": range(8, 14)}})
+    assert SearchSpace(even).searched == {"hidden_size": [8, 10, 12]}
+    assert SearchSpace(even, {"rnn": False}).searched == {"hidden_size": range(8, 14)}
+
+
+@pytest.mark.parametrize(("teacher", "order"), [("own", "any"), ("critic", "time")])
+def test_what_is_drawn_may_itself_change_whom_the_encoder_learns_from_and_how_it_reads(teacher, order):
+    embedding = type("Ours", (MeanEmbedding,), {"search_space": {"learns_from": [teacher]}})
+    trial = optuna.create_study().ask()
+    assert ("encoder_update_ratio" in SearchSpace(embedding).sample(trial, 2, 10, {})) == (teacher == "own")
+    reader = type("Ours", (SplitAggregator,), {"search_space": {"rnn": [order == "time"]}})
+    trial = optuna.create_study().ask()
+    assert ("replay_buffer_kwargs" in SearchSpace(reader).sample(trial, 2, 10, {})) == (order == "any")
 
 
 @pytest.fixture
