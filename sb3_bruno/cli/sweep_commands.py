@@ -22,6 +22,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from sb3_bruno.cli.mistake import Mistake, told_as_mistake
 from sb3_bruno.cli.trial_bar import trial_bar
 from sb3_bruno.runs.denormals import flushed_denormals
+from sb3_bruno.zoo.another_encoder import fitted_to_encoder
 from sb3_bruno.zoo.configs import config_file, find_config, merged, read_configs
 from sb3_bruno.zoo.one_line import in_one_line
 from sb3_bruno.zoo.plain_text import check_texts
@@ -38,18 +39,23 @@ def init(options: argparse.Namespace) -> None:
     with told_as_mistake():
         check_searchable(options.algo)
     package, _, env = options.env.rpartition(":")  # as in my_package:My-v0
+    packages = [*options.gym_packages, package] if package else options.gym_packages
+    given = options.hyperparams or {}
+    config = read_config(options.algo, env, options.conf)
+    with told_as_mistake():
+        import_packages(packages)  # which may name the encoder
+        config = merged(fitted_to_encoder(options.algo, config, given), given)
+        check_config(config)
     settings: SweepSettings = {
         "algo": options.algo,
         "env": env,
-        "gym_packages": [*options.gym_packages, package] if package else options.gym_packages,
-        "config": merged(read_config(options.algo, env, options.conf), options.hyperparams or {}),
+        "gym_packages": packages,
+        "config": config,
         "n_timesteps": options.n_timesteps,
         "n_evaluations": options.n_evaluations,
         "n_startup_trials": options.n_startup_trials,
         "seed": options.seed,
     }
-    with told_as_mistake():
-        check_config(settings["config"])
     with told_as_mistake(Exception):  # config and -params are Python, which may raise anything
         SweepExperiment(settings).check()
     with told_as_mistake(), told_as_lost(options):

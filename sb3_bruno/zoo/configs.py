@@ -112,3 +112,11 @@ def merged(config: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any
         if isinstance(config[key], dict) and isinstance(given[key], dict):
             both[key] = {**config[key], **given[key]}
     return both
+
+
+def flat(settings: Mapping[str, Any], path: str = "") -> dict[str, Any]:
+    """Flatten nested dicts: {"a": {"b": 1}} becomes {"a.b": 1}."""
+    found: dict[str, Any] = {}
+    for name, value in settings.items():
+        found |= flat(value, f"{path}{name}.") if isinstance(value, Mapping) else {f"{path}{name}": value}
+    return found

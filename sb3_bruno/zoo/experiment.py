@@ -19,6 +19,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_bruno.evaluation.eval_callback import TaskEvalCallback
 from sb3_bruno.evaluation.resumable_eval import ResumableEvalCallback
+from sb3_bruno.zoo.another_encoder import fitted_to_encoder
 from sb3_bruno.zoo.configs import DEFAULT, config_file, find_config, merged, read_configs
 from sb3_bruno.zoo.environments import EnvFacts, ask, in_turn
 from sb3_bruno.zoo.fit import check_env, check_hyperparameters
@@ -83,19 +84,29 @@ class TaskExperiment(KeptRun):
             print(f"{self.config} has no section of {self.env_name.gym_id}: taking the one called {DEFAULT}")
         config = config or {}
         given = self.custom_hyperparams or {}
+        fitted = fitted_to_encoder(self.algo, config, given)
         if self.trial_id is not None:
-            base = merged(config, given)
+            base = merged(fitted, given)
             drawn = drawn_in_trial(self.storage, self.study_name, self.trial_id, self.algo, base)
             given = merged(drawn, given)
         if configs and self.n_timesteps > 0 and "n_timesteps" not in config:
             given = {"n_timesteps": self.n_timesteps, **given}
-        self.custom_hyperparams = {name: merged(config, given)[name] for name in given}
+        used = merged(fitted, given)
+        changed = {name for name, value in fitted.items() if value != config.get(name)}
+        self.custom_hyperparams = {name: used[name] for name in given.keys() | changed}
         try:
             read: tuple[dict[str, Any], dict[str, Any]] = super().read_hyperparameters()
         except Exception as error:  # a config that is a program may raise anything
             raise ValueError(f"-conf {self.config} cannot be read: {in_one_line(error)}: correct it") from error
+        for hyperparams in read:  # rl_zoo3 has read the file itself, with what was left out of it
+            for name in config.keys() - used.keys():
+                del hyperparams[name]
         check_hyperparameters(self.algo, read[0])
         return read
+
+    def load_trial(self, *args: Any, **kwargs: Any) -> dict[str, Any]:
+        """Return nothing: what a trial drew is merged already, by the search space of the config's encoder."""
+        return {}
 
     def _preprocess_hyperparams(self, hyperparams: dict[str, Any]) -> tuple[dict[str, Any], Any, list[Any], Any]:
         """Prepare the hyperparameters as rl_zoo3 does, and refuse an environment that the algorithm cannot learn in."""

@@ -7,7 +7,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sb3_bruno.zoo.configs import config_file, config_name, find_config, read_configs
+from sb3_bruno.zoo.configs import config_file, config_name, find_config, flat, read_configs
 from sb3_bruno.zoo.saved_yaml import read_saved
 from sb3_bruno.zoo.setting_kinds import check_settings_kinds
 
@@ -77,8 +77,8 @@ class SavedRun(NamedTuple):
         if config is None:
             differing = dict(self.arguments["hyperparams"] or {})
         else:
-            expected = _flat({"normalize": False, **config, "n_timesteps": used["n_timesteps"]})
-            found = _flat(used)
+            expected = flat({"normalize": False, **config, "n_timesteps": used["n_timesteps"]})
+            found = flat(used)
             names = {**found, **expected}
             differing = {name: found.get(name) for name in names if found.get(name) != expected.get(name)}
         chosen = {"conf": config_name(algo, conf), "params": differing, "hyperparameters": used}
@@ -94,14 +94,6 @@ def _as_json(value: Any) -> Any:
         return [_as_json(entry) for entry in value]
     is_known = value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and isfinite(value))
     return value if is_known else str(value)
-
-
-def _flat(settings: Mapping[str, Any], path: str = "") -> dict[str, Any]:
-    """Flatten nested dicts: {"a": {"b": 1}} becomes {"a.b": 1}."""
-    flat: dict[str, Any] = {}
-    for name, value in settings.items():
-        flat |= _flat(value, f"{path}{name}.") if isinstance(value, Mapping) else {f"{path}{name}": value}
-    return flat
 
 
 def _read_config(algo: str, conf: str | None) -> dict[str, Any]:
