@@ -1,6 +1,7 @@
 """Our configs and our command line, as a user of RL Zoo meets them."""
 
 import re
+import shlex
 import sys
 from contextlib import nullcontext
 from pathlib import Path
@@ -25,8 +26,10 @@ from support.tiny_runs import tiny
 CONFIGS = sorted(configs_folder().rglob("*.yml"))
 
 
-ALIKE = {"pearl_sac", "varibad_sac", "belief_sac", "markov", "oracle"}
-"""Files and folders whose numbers are those of bruno_sac.yml, as another test shows. Two environments run."""
+RIVALS = {name: f"bruno_{name.rpartition('_')[2]}" for name in ALGORITHMS if not name.startswith("bruno")}
+"""Algorithms with another encoder, and the one of ours whose sections and numbers their configs have."""
+ALIKE = {*RIVALS, "markov", "oracle"}
+"""Files and folders whose numbers are ours, as another test shows. Two environments run."""
 
 
 def of_config(path):
@@ -62,6 +65,18 @@ def test_every_config_runs(run, tmp_path, conf, algo, env):
 ITS_OWN = {"encoder_kwargs", "encoder_learning_rate"}  # of another encoder
 
 
+@pytest.mark.parametrize(("rival", "ours"), RIVALS.items())
+def test_a_rival_has_every_section_of_ours_and_its_actor_critic(rival, ours):
+    theirs, ours = (yaml.safe_load((configs_folder() / f"{name}.yml").read_text()) for name in (rival, ours))
+    assert theirs.keys() == ours.keys()
+
+    def actor_critic(config):
+        return {key: value for key, value in config.items() if not key.startswith("encoder_") and key != "critic_input"}
+
+    for env, config in theirs.items():
+        assert actor_critic(config) == actor_critic(ours[env]), env
+
+
 def test_siblings_and_oracle_have_the_numbers_of_bruno_sac():
     ours = yaml.safe_load((configs_folder() / "bruno_sac.yml").read_text())
     for path in (*(configs_folder() / f"{name}.yml" for name in ALGORITHMS), *configs_folder().glob("*/sac.yml")):
@@ -86,6 +101,25 @@ def test_a_config_file_chooses_the_encoder_by_its_name(run, tmp_path):
     model = BrunoSAC.load(tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip")
     assert isinstance(model.encoder, RecurrentEncoder) and model.encoder.belief_dim == 8
     assert "mean" in run("evaluate", *chosen, "--episodes", 1)[0]
+
+
+DOCS = Path(__file__).parents[2] / "docs"
+CHOICES_OF_ENCODERS = [
+    line
+    for page in ("encoders.md", "zoo.md")
+    for line in (DOCS / page).read_text().splitlines()
+    if line.strip().startswith("sb3-bruno train") and "-params" in line
+]
+
+
+@pytest.mark.parametrize("command", CHOICES_OF_ENCODERS)
+def test_an_encoder_is_chosen_as_the_docs_say(run, command):
+    printed, mistake = run(*shlex.split(command)[1:], "-n", 40, "--eval-freq", -1)
+    assert mistake == "" and "The config is for another encoder: leaving out" in printed
+
+
+def test_the_docs_choose_encoders():
+    assert len(CHOICES_OF_ENCODERS) == 3
 
 
 def test_train_evaluate_enjoy_record_and_plot(run, tmp_path):
