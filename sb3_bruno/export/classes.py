@@ -51,10 +51,8 @@ _BUILT_IN: dict[str, Mapping[str, Callable[..., Any]]] = {
     "buffer": {"TaskReplayBuffer": TaskReplayBuffer},
     "optimizer": {"RMSpropTFLike": RMSpropTFLike, **{name: getattr(th.optim, name) for name in _OPTIMIZERS.split()}},
     "flow": {
-        name: flow
-        for name, flow in vars(zuko.flows).items()
-        if isinstance(flow, type) and issubclass(flow, Flow) and flow is not zuko.flows.CNF
-    },  # without the one whose weights decide how long it computes
+        name: flow for name, flow in vars(zuko.flows).items() if isinstance(flow, type) and issubclass(flow, Flow)
+    },
     "module": {name: getattr(nn, name) for name in _MODULES.split()},
     "function": FLOWS,
 }
