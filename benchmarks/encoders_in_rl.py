@@ -25,7 +25,7 @@ from untuned import N_ENVS, N_EPISODES, SETTINGS
 
 from sb3_bruno import TaskSAC
 from sb3_bruno.encoders import ENCODERS
-from sb3_bruno.evaluation.episodes import pad_episodes, play_episodes
+from sb3_bruno.evaluation import evaluate_adaptation
 
 FAMILIES: dict[str, tuple[int, dict[str, Any]]] = {
     "PointDir-v0": (6_000, {}),
@@ -60,9 +60,8 @@ def run(family: str, agent: str, seed: int, n_timesteps: int) -> Row:
         model = TaskSAC(**common, encoder_class=agent, critic_input="belief", **own).learn(n_timesteps)
     test = partial(make, family, agent, "test")
     tasks = test().get_wrapper_attr("task_distribution").tasks("test")
-    episodes = play_episodes(model, test, tasks, n_episodes=N_EPISODES, seed=10_000)
-    rewards = np.stack([pad_episodes([episode.rewards for episode in of_task]) for of_task in episodes])
-    return {"return": float(rewards.sum(axis=-1).mean()), "last reward": float(rewards[..., -1].mean())}
+    result = evaluate_adaptation(model, test, tasks, n_episodes=N_EPISODES, seed=10_000)
+    return {"return": float(result.mean_return().mean()), "last reward": float(result.rewards[..., -1].mean())}
 
 
 def table(rows: dict[str, dict[str, Row]]) -> list[str]:

@@ -213,7 +213,7 @@ class AgentView:
         """Scale standard deviations, without what is added to values: it may swallow all their digits."""
         if self.vec_normalize is None:
             return std
-        far, near = (self._unnormalize(Outcomes(*(_double(part, by) for part in std))) for by in (1.0, 0.0))
+        far, near = (self._unnormalize(Outcomes(*(_multiple(part, by) for part in std))) for by in (1.0, 0.0))
         return Outcomes(*(None if part is None else part.float() for part in _each(th.sub, far, near)))
 
     def _unnormalize(self, samples: Outcomes) -> Outcomes:
@@ -270,7 +270,7 @@ def _like(samples: th.Tensor | None, own: NDArray[Any]) -> th.Tensor | None:
     return None if samples is None else th.as_tensor(own, dtype=samples.dtype).reshape(samples.shape)
 
 
-def _double(samples: th.Tensor | None, factor: float) -> th.Tensor | None:
+def _multiple(samples: th.Tensor | None, factor: float) -> th.Tensor | None:
     """A multiple of the samples in float64; None where there are none."""
     return None if samples is None else factor * samples.double()
 

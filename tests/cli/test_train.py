@@ -1,7 +1,6 @@
 """Our configs and our command line, as a user of RL Zoo meets them."""
 
 import re
-import shlex
 import sys
 from contextlib import nullcontext
 from pathlib import Path
@@ -101,25 +100,6 @@ def test_a_config_file_chooses_the_encoder_by_its_name(run, tmp_path):
     model = BrunoSAC.load(tmp_path / "logs" / "bruno_sac" / "PointDir-v0_1" / "PointDir-v0.zip")
     assert isinstance(model.encoder, RecurrentEncoder) and model.encoder.belief_dim == 8
     assert "mean" in run("evaluate", *chosen, "--episodes", 1)[0]
-
-
-DOCS = Path(__file__).parents[2] / "docs"
-CHOICES_OF_ENCODERS = [
-    line
-    for page in ("encoders.md", "zoo.md")
-    for line in (DOCS / page).read_text().splitlines()
-    if line.strip().startswith("sb3-bruno train") and "-params" in line
-]
-
-
-@pytest.mark.parametrize("command", CHOICES_OF_ENCODERS)
-def test_an_encoder_is_chosen_as_the_docs_say(run, command):
-    printed, mistake = run(*shlex.split(command)[1:], "-n", 40, "--eval-freq", -1)
-    assert mistake == "" and "The config is for another encoder: leaving out" in printed
-
-
-def test_the_docs_choose_encoders():
-    assert len(CHOICES_OF_ENCODERS) == 3
 
 
 def test_train_evaluate_enjoy_record_and_plot(run, tmp_path):
