@@ -28,6 +28,7 @@ from sb3_bruno.encoders.task_map import TaskMap
 from sb3_bruno.encoders.variables import Modelled, Variables
 from sb3_bruno.maths.exchangeable import Distance
 from sb3_bruno.maths.flow import FLOWS
+from sb3_bruno.maths.kernel_process_t import KernelStudentT
 from sb3_bruno.maths.processes import EXCHANGEABLE, KERNEL
 
 NOISE_ENTROPY = 0.5 * math.log(2 * math.pi * math.e)
@@ -117,7 +118,6 @@ class BrunoEncoder(TaskEncoder[Any]):
         self.task_map: TaskMap | None = None
         self._objective = objective
         self._belief = belief
-        self._is_student_t = process == "kernel_student_t"
         self.shortest_sequence = 2 if objective == "holdout" else 1
         self.belief_dim = self.model.latent_dim * (1 if belief == "mean" else 2)
 
@@ -170,7 +170,7 @@ class BrunoEncoder(TaskEncoder[Any]):
         if self._belief == "mean":
             belief: Tensor = mean
             return belief
-        if self._is_student_t:  # one strange transition multiplies its variances by any number
+        if isinstance(self.process, KernelStudentT):  # one strange transition multiplies its variances by any number
             var = var.log1p()
         return th.cat([mean, var if self._belief == "mean_var" else var.sqrt()], dim=-1)
 
