@@ -35,9 +35,14 @@ FAMILIES: dict[str, tuple[int, dict[str, Any]]] = {
 """Environment steps of training, and arguments of the environment."""
 OBSERVED = {"oracle": "task", "Markov": "plain"}
 """What the agents of SB3's SAC see."""
+AT_THE_CRITICS_RATE = {"encoder_learning_rate": SETTINGS["learning_rate"]}
+"""Those that the critics teach: their defaults are for runs of a hundred times as many updates."""
 ENCODER_SETTINGS: dict[str, dict[str, Any]] = {
     # PEARL's own for its point robot, see docs/encoders.md
-    "product_of_gaussians": {"encoder_kwargs": {"kl_weight": 8e-5, "latent_dim": 16}, "encoder_learning_rate": 1e-3},
+    "product_of_gaussians": {"encoder_kwargs": {"kl_weight": 8e-5, "latent_dim": 16}, **AT_THE_CRITICS_RATE},
+    "recurrent": AT_THE_CRITICS_RATE,
+    "split_aggregator": AT_THE_CRITICS_RATE,
+    "causal_transformer": AT_THE_CRITICS_RATE,
 }
 
 
