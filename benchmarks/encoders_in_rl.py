@@ -29,7 +29,7 @@ from sb3_bruno.evaluation import evaluate_adaptation
 
 FAMILIES: dict[str, tuple[int, dict[str, Any]]] = {
     "PointDir-v0": (6_000, {}),
-    "PointGoal-v0, dim=2": (20_000, {"dim": 2}),
+    "PointGoal-v0, dim=2": (10_000, {"dim": 2}),
     "PointGoal-v0": (20_000, {}),
 }
 """Environment steps of training, and arguments of the environment."""
