@@ -191,8 +191,8 @@ class AgentView:
         encoder: InfersTask = check_ability(self.encoder, InfersTask, "`task_probabilities`")
         _check_belief(belief, self.encoder)
         candidates, task_dim = read_numbers("tasks", tasks), flatdim(self.policy.task_space)
-        if candidates.ndim != 2 or candidates.shape[1] != task_dim:
-            raise ValueError(f"`tasks` has shape {candidates.shape}: give candidates of shape (n, {task_dim}).")
+        if candidates.ndim != 2 or candidates.shape[1] != task_dim or len(candidates) == 0:
+            raise ValueError(f"`tasks` has shape {candidates.shape}: give candidates of shape (1 or more, {task_dim}).")
         log_weights = np.zeros(len(candidates), np.float32) if log_prior is None else _read_log_prior(log_prior)
         if log_weights.shape != (len(candidates),):
             raise ValueError(

@@ -216,7 +216,7 @@ def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Spa
     if observation_space["action"].shape != wanted:
         raise ValueError(
             f"`action` must have shape {wanted}, got {observation_space['action'].shape}: {WRAP}. Wrappers of the "
-            "action go below MetaTask."
+            "action go below MetaTask, and Gymnasium's `FrameStackObservation` does, in place of `VecFrameStack`."
         )
 
 

@@ -46,12 +46,17 @@ def read_observation(observation: Mapping[str, ArrayLike], space: spaces.Dict) -
 def read_episode_start(episode_start: ArrayLike | None, n_envs: int) -> NDArray[np.bool_]:
     """Read where the belief starts again, (n_envs,); None: nowhere.
 
+    It may be the observation's own ``episode_start``, whose 0.5 begins another episode of the same task.
+
     Raises:
-        ValueError: if it is of another number of envs.
+        ValueError: if it is of another number of envs, or holds anything but True, False, 0, 0.5 and 1.
     """
     if episode_start is None:
         return np.zeros(n_envs, dtype=bool)
-    fresh = np.asarray(episode_start, dtype=bool)
+    given = np.asarray(episode_start)
+    if given.dtype.kind not in NUMBER_KINDS or not (given.dtype == bool or np.isin(given, (0, 0.5, 1)).all()):
+        raise ValueError(f"`episode_start={episode_start!r}` says neither yes nor no: give True where the task is new.")
+    fresh: NDArray[np.bool_] = given == 1
     if fresh.size != n_envs:
         raise ValueError(f"`episode_start` is of {fresh.size} envs, the observation of {n_envs}: give one for each.")
     return fresh.reshape(n_envs)

@@ -17,6 +17,7 @@ from sb3_bruno.algorithms.encoder_training import EncoderTraining
 from sb3_bruno.algorithms.readout_parameters import check_readout
 from sb3_bruno.algorithms.task_estimate import TaskLabels, few_tasks, list_tasks, read_labels
 from sb3_bruno.algorithms.values import check_whole
+from sb3_bruno.buffers.random_generator import random_generator
 from sb3_bruno.buffers.sampled_episodes import sample_episodes
 from sb3_bruno.buffers.transfer import to_device
 from sb3_bruno.encoders.task_readout import ListReadout, TaskReadout
@@ -66,7 +67,13 @@ class ReadoutTraining(EncoderTraining):
         if self.policy.readout is not None:
             self.readout_optimizer = th.optim.Adam(self.policy.readout.parameters(), lr=LEARNING_RATE, fused=True)
             if not hasattr(self, "_readout_rng"):  # of a model that is made, not loaded
-                self._readout_rng = np.random.default_rng(self.seed)
+                self._readout_rng = random_generator(self.seed)
+
+    def set_random_seed(self, seed: int | None = None) -> None:
+        """Seed as SB3 does, and what draws from the replay buffer."""
+        super().set_random_seed(seed)
+        if seed is not None and self.replay_buffer is not None:  # of a model that is complete
+            self.replay_buffer.rng, self._readout_rng = random_generator(seed), random_generator(seed)
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Update the encoder and the actor-critic, and every eighth time the read-out of the task.
@@ -78,6 +85,8 @@ class ReadoutTraining(EncoderTraining):
         check_whole("gradient_steps", gradient_steps, 0)
         check_whole("batch_size", batch_size, 1)
         check_has_buffer(self.replay_buffer)
+        if self.replay_buffer.encoder is not self.encoder:  # it was copied, or taken from elsewhere
+            self.bind_buffer()
         if self.policy.readout is not None:
             n_updates, self._readout_due = divmod(self._readout_due + gradient_steps, EVERY)
             if n_updates > 0:

@@ -17,11 +17,17 @@ from stable_baselines3.common.vec_env import VecNormalize
 from torch import Tensor
 
 from sb3_bruno.algorithms.arguments import check_names
-from sb3_bruno.algorithms.checks import check_family
+from sb3_bruno.algorithms.checks import check_family, check_has_buffer
 from sb3_bruno.algorithms.readout_training import ReadoutTraining
 from sb3_bruno.algorithms.values import check_none, check_values
+from sb3_bruno.buffers.random_generator import random_generator
+from sb3_bruno.buffers.task_buffer import SAMPLING, TaskReplayBuffer
 
 SelfSaving = TypeVar("SelfSaving", bound="Saving")
+
+
+class OtherParameters(ValueError, RuntimeError):
+    """The parameters are not those of such an agent. SB3 raises a RuntimeError here, and its callers look for one."""
 
 
 class Saving(ReadoutTraining):
@@ -71,12 +77,16 @@ class Saving(ReadoutTraining):
     def load_replay_buffer(self, path: str | pathlib.Path | io.BufferedIOBase, truncate_last_traj: bool = True) -> None:
         """Load as in SB3. ``truncate_last_traj`` begins new episodes, without it the buffer's own go on.
 
+        What is stored comes from the file. How samples are drawn of it, and with which random numbers, is the model's.
+
         Raises:
             ValueError: if it cannot serve: ``check_buffer``; or the file is no buffer, or not a whole one.
         """
-        before = self.replay_buffer
+        before: Any = getattr(self, "replay_buffer", None)
         try:
             super().load_replay_buffer(path, truncate_last_traj)
+            check_has_buffer(self.replay_buffer)
+            self._sample_as(before)
             check_family(self.replay_buffer, self.env)
             self.bind_buffer()
         except Exception as error:
@@ -90,6 +100,14 @@ class Saving(ReadoutTraining):
         if truncate_last_traj:
             self._last_obs = None
 
+    def _sample_as(self, before: TaskReplayBuffer | None) -> None:
+        """Draw from the replay buffer as from the one before it, or as the arguments say."""
+        settings = self.replay_buffer_kwargs if before is None else vars(before)
+        for name in SAMPLING:
+            if name in settings:
+                setattr(self.replay_buffer, name, settings[name])
+        self.replay_buffer.rng = random_generator() if before is None else before.rng
+
     def set_parameters(
         self,
         load_path_or_dict: str | TensorDict,
@@ -102,7 +120,7 @@ class Saving(ReadoutTraining):
 
         Raises:
             ValueError: if a name is unknown or missing, a shape is another, a number is not finite, or the read-out is
-                of other tasks.
+                of other tasks. If torch finds a tensor missing or of another shape, it is a RuntimeError too.
         """
         given: Any = load_path_or_dict
         if not isinstance(load_path_or_dict, Mapping):
@@ -115,7 +133,8 @@ class Saving(ReadoutTraining):
             super().set_parameters(before)  # type: ignore[arg-type]  # SB3 gives them as it takes them
             if isinstance(error, RuntimeError):  # of torch, on a line for each name
                 told = " ".join(str(error).split())[:300]
-                raise ValueError(f"The parameters are not those of such an agent: {told}. Give its own.") from error
+                message = f"The parameters are not those of such an agent: {told}. Give its own."
+                raise OtherParameters(message) from error
             raise
 
     @classmethod

@@ -31,6 +31,7 @@ from sb3_bruno.algorithms.checks import (
     read_task_space,
     warn_of_missing_trial,
 )
+from sb3_bruno.algorithms.guards import check_step_tasks, finite_statistics, has_moved
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.algorithms.policy_arguments import check_policy_kwargs
 from sb3_bruno.algorithms.rehearsal import warn_of_task_without_effect
@@ -184,6 +185,8 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
     ) -> tuple[int, BaseCallback]:
         self.bind_buffer()  # a copied or unpickled buffer has lost its encoder
         starts_anew = reset_num_timesteps or self._last_obs is None
+        if not starts_anew and self.env is not None and has_moved(self.env, self.replay_buffer):
+            starts_anew, self._last_obs = True, None
         if starts_anew and self.env is not None:
             # Before the reset, which restores what a copy may share with its original.
             warn_of_task_without_effect(self.env)
@@ -223,6 +226,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         dones: NDArray[Any],
         infos: list[dict[str, Any]],
     ) -> None:
+        check_step_tasks(infos, self.replay_buffer, self.task_space)
         super()._store_transition(replay_buffer, buffer_action, new_obs, reward, dones, infos)
         if not self._has_absorbed:
             self._look_for_what_is_absorbed(new_obs, dones)
@@ -250,7 +254,8 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         """
         continues = False
         try:
-            rollout = super().collect_rollouts(*args, **kwargs)
+            with finite_statistics(self._vec_normalize_env):
+                rollout = super().collect_rollouts(*args, **kwargs)
             continues = rollout.continue_training
         finally:
             if not continues:

@@ -40,6 +40,7 @@ LEAST = {
 }
 """The least value of arguments that count something."""
 WHOLE = {*LEAST, "encoder_batch_size", "encoder_learning_starts"}  # the encoder's have bounds elsewhere
+STEPS = {"learning_starts", "encoder_learning_starts"}
 NUMBERS = {
     "clip_mean",
     "encoder_tau",
@@ -89,7 +90,7 @@ def check_values(given: Mapping[str, Any]) -> None:
         if value is None and name not in NEVER_NONE:
             continue
         if name in WHOLE:
-            check_whole(name, value, LEAST.get(name))
+            check_whole(name, _as_whole(name, value), LEAST.get(name))
         elif name in NUMBERS and not is_number(value):
             raise TypeError(f"`{name}={value!r}` is no number: give one, such as 0.9.")
         elif name in RATES and not (is_number(value) or callable(value)):
@@ -155,6 +156,12 @@ def check_kinds(given: Mapping[str, Any] | None, takes: Callable[..., Any]) -> N
             raise TypeError(f"`{name}={value!r}` is no number: give one, such as {default}.")
 
 
+def _as_whole(name: str, value: Any) -> Any:
+    """Return what SB3 takes for a whole number as one: 1e4 steps, and True for ``verbose``."""
+    is_taken = isinstance(value, bool) if name == "verbose" else name in STEPS and is_number(value)
+    return int(value) if is_taken and value % 1 == 0 else value
+
+
 def check_whole(name: str, value: Any, least: int | None = None) -> None:
     """Refuse all but a whole number.
 
@@ -209,8 +216,8 @@ def check_learning(total_timesteps: Any, log_interval: Any) -> None:
     """
     if not is_number(total_timesteps):
         raise TypeError(f"`total_timesteps={total_timesteps!r}` is no number: give that of env steps, such as 10_000.")
-    if math.isnan(total_timesteps):
-        raise ValueError(f"`total_timesteps={total_timesteps!r}` is no number: give that of env steps, such as 10_000.")
+    if math.isnan(total_timesteps) or total_timesteps < 0:
+        raise ValueError(f"`total_timesteps={total_timesteps!r}` is none: give a number of env steps, such as 10_000.")
     if log_interval is not None:
         check_whole("log_interval", log_interval)
         if log_interval == 0:

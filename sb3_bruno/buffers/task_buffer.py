@@ -28,6 +28,10 @@ from sb3_bruno.encoders.base import training_mode
 Context = Literal["iid", "recent", "episode"]
 
 
+SAMPLING = ("context", "n_sequences", "sequence_length", "n_recent")
+"""The arguments that say how samples are drawn, of which what is stored knows nothing."""
+
+
 class BufferArguments(TypedDict, total=False):
     """The ``replay_buffer_kwargs`` of ``TaskReplayBuffer``."""
 
@@ -132,6 +136,11 @@ class TaskReplayBuffer(TaskRing):
         self.forget_beliefs()
 
     @property
+    def encoder(self) -> TaskEncoder | None:
+        """The encoder that samples are made with; None after unpickling."""
+        return self._encoder
+
+    @property
     def gradient(self) -> BeliefGradient | None:
         """The way back to the beliefs in the last samples, where the encoder learns from their losses."""
         return None if self._encoded is None else self._encoded.gradient
@@ -174,7 +183,7 @@ class TaskReplayBuffer(TaskRing):
             ValueError: if ``batch_size`` is not positive.
         """
         if self._encoder is None:
-            raise RuntimeError("No encoder is bound: call `set_encoder` before `sample`.")
+            raise RuntimeError("No encoder is bound: call the model's `bind_buffer` before `sample`.")
         if batch_size < 1:
             raise ValueError(f"`batch_size={batch_size}` is no number of transitions: give 1 or more.")
         n_sequences = min(self.n_sequences, batch_size)

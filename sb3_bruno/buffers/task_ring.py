@@ -19,8 +19,10 @@ from sb3_bruno.buffers.episode_index import EpisodeIndex, Slots
 from sb3_bruno.buffers.long_episodes import EpisodeRows, shortened, whole
 from sb3_bruno.buffers.numbers import check_numbers, place_in_env, read_rows
 from sb3_bruno.buffers.observed import TransitionArrays, normalize
+from sb3_bruno.buffers.random_generator import random_generator
 from sb3_bruno.buffers.task_index import TaskIndex
 from sb3_bruno.buffers.transfer import to_device
+from sb3_bruno.buffers.uninterrupted import uninterrupted
 from sb3_bruno.encoders import Transitions
 
 _RING = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts", "inner_ends")
@@ -59,7 +61,7 @@ class TaskRing(ReplayBuffer):
             n_envs,
             handle_timeout_termination=handle_timeout_termination,
         )
-        self.rng = np.random.default_rng(np.random.randint(2**31))  # noqa: NPY002  # which SB3 seeds
+        self.rng = random_generator()
         self.tasks = TaskIndex(self.buffer_size * n_envs)
         self.episodes = EpisodeIndex(self.buffer_size, n_envs)
         self.inner_ends = np.zeros((self.buffer_size, n_envs), dtype=bool)
@@ -83,10 +85,10 @@ class TaskRing(ReplayBuffer):
         self.episodes = EpisodeIndex(self.buffer_size, self.n_envs)
         self._restarts = {}
 
-    def add(  # type: ignore[override]  # observations are a Dict here, flat in the parent
+    def add(
         self,
-        obs: dict[str, NDArray[Any]],
-        next_obs: dict[str, NDArray[Any]],
+        obs: dict[str, NDArray[Any]] | NDArray[Any],
+        next_obs: dict[str, NDArray[Any]] | NDArray[Any],
         action: NDArray[Any],
         reward: NDArray[Any],
         done: NDArray[Any],
@@ -94,13 +96,15 @@ class TaskRing(ReplayBuffer):
     ) -> None:
         """Store one transition per environment, or none if one of them is refused.
 
+        An observation is the env's Dict, or its entry ``"observation"`` alone, as the buffer holds it.
+
         Raises:
             ValueError: if an info has no ``"task"``, or one of another size; if an array has another shape; or if a
                 number is not finite, or so large that what learns from it would not be.
         """
         tasks, rows = self._read_tasks(infos), (self.n_envs, *self.obs_shape)
-        departures = read_rows("obs['observation']", obs["observation"], rows)
-        shown = read_rows("next_obs['observation']", next_obs["observation"], rows)
+        departures = read_rows("obs['observation']", _entry(obs), rows)
+        shown = read_rows("next_obs['observation']", _entry(next_obs), rows)
         in_shape = (self.n_envs, *(self.action_space.shape or ()))
         action = read_rows("action", action, (self.n_envs, self.action_dim), in_shape)
         reward, done = read_rows("reward", reward, (self.n_envs,)), read_rows("done", done, (self.n_envs,))
@@ -111,17 +115,18 @@ class TaskRing(ReplayBuffer):
             arrivals[i] = read_rows("info['trial_final_observation']", final, self.obs_shape)
         numbers = {"observation": departures, "action": action, "reward": reward, "task": tasks}
         check_numbers(numbers | {"next observation": arrivals}, self._place)
-        first_slot = self.pos * self.n_envs
-        for slot, task in enumerate(tasks, first_slot):
-            self.tasks.put(slot, task)
-            self._restarts.pop(slot, None)
-        self.episodes.put(done)
-        self.inner_ends[self.pos] = False
-        self.inner_ends[self.pos, inner_ends] = True
-        # Not done, even where the inner episode terminated: the trial goes on from where the next one begins. Unless
-        # values flow through its inner ends, nothing is earned by finding out what only later episodes are paid for.
-        self._restarts.update({first_slot + i: shown[i].copy() for i in inner_ends})
-        super().add(departures, arrivals, action, reward, done, infos)
+        row, first_slot = self.pos, self.pos * self.n_envs
+        with uninterrupted():  # half of it would shift all that follows by a row
+            # Not done, even where an inner episode terminated: the trial goes on from where the next begins. Unless
+            # values flow through its inner ends, nothing is earned by finding out what only later ones are paid for.
+            super().add(departures, arrivals, action, reward, done, infos)
+            for slot, task in enumerate(tasks, first_slot):
+                self.tasks.put(slot, task)
+                self._restarts.pop(slot, None)
+            self.episodes.put(done)
+            self.inner_ends[row] = False
+            self.inner_ends[row, inner_ends] = True
+            self._restarts.update({first_slot + i: shown[i].copy() for i in inner_ends})
 
     def _read_tasks(self, infos: list[dict[str, Any]]) -> NDArray[np.float32]:
         """Read the tasks off the infos, (n_envs, task_dim)."""
@@ -139,6 +144,12 @@ class TaskRing(ReplayBuffer):
             if len(task) != task_dim:
                 raise ValueError(f"The task of env {i} is {task}, and others have {task_dim} numbers: give as many.")
         return np.stack(tasks) + np.float32(0.0)  # which makes -0.0 and 0.0 the same task
+
+    def last_tasks(self) -> NDArray[np.float32]:
+        """Return the tasks of what was stored last, (n_envs, task_dim)."""
+        first_slot = (self.pos - 1) % self.buffer_size * self.n_envs
+        numbers = [self.tasks.number_of(slot) for slot in range(first_slot, first_slot + self.n_envs)]
+        return self.tasks.tasks(np.array(numbers))
 
     def _place(self, index: tuple[int, ...]) -> str:
         """Say where an entry (env, ...) of what is added comes from."""
@@ -237,3 +248,8 @@ class TaskRing(ReplayBuffer):
     def flat(self, array: NDArray[Any]) -> NDArray[Any]:
         """View a ring with one slot per row: (rows, n_envs, ...) -> (rows * n_envs, ...); slot = row * n_envs + env."""
         return array.reshape(-1, *array.shape[2:])
+
+
+def _entry(observation: dict[str, NDArray[Any]] | NDArray[Any]) -> NDArray[Any]:
+    """Return the env's own observation."""
+    return observation["observation"] if isinstance(observation, dict) else observation

@@ -44,7 +44,7 @@ def check_together(**arguments: Unpack[ProductArguments]) -> None:
             raise ValueError(f"`{name}={value!r}` needs the information bottleneck: leave it out, or turn that on.")
     if belief is not None:
         check_choice("belief", belief, BeliefForm)
-    if arguments["prior_factor"] not in (None, True, False):
+    if arguments["prior_factor"] is not None and not isinstance(arguments["prior_factor"], bool):
         raise TypeError(f"`prior_factor={arguments['prior_factor']!r}` is neither True nor False: give one of them.")
     check_least("latent_dim", arguments["latent_dim"], 1)
     check_layers("net_arch", arguments["net_arch"])

@@ -88,6 +88,25 @@ def test_an_episode_start_of_other_envs_is_refused(model, seen):
         model.predict(seen, episode_start=np.ones(3, dtype=bool))
 
 
+@pytest.mark.parametrize("start", ["False", {}, [np.nan, 0], [7, 0], [None, None]], ids=str)
+def test_an_episode_start_that_says_neither_yes_nor_no_is_refused(model, seen, start):
+    _, state = model.predict(seen)
+    with pytest.raises(ValueError, match=r"`episode_start=.*says neither yes nor no: give True where the task is new"):
+        model.predict(seen, state, start)
+
+
+@pytest.mark.filterwarnings("ignore:`predict` was called with a `state`")
+def test_the_observations_own_flag_is_understood(model, seen):
+    _, state = model.predict(seen)
+    step = {**seen, "episode_start": np.zeros((N_ENVS, 1), np.float32)}
+    _, state = model.predict(step, state)
+    for same_task in (np.full((N_ENVS, 1), 0.5, np.float32), np.zeros(N_ENVS, dtype=bool)):
+        kept = model.predict({**step, "episode_start": np.full((N_ENVS, 1), 0.5, np.float32)}, state, same_task)[1]
+        np.testing.assert_array_equal(kept[0], state[0])
+    fresh = model.predict(seen, state, seen["episode_start"])[1]
+    np.testing.assert_array_equal(fresh[0], model.predict(seen)[1][0])
+
+
 BAD_STATES = {
     "None": lambda state: None,
     "empty": lambda state: (),

@@ -146,7 +146,8 @@ def test_candidate_tasks_are_probable_as_their_likelihood_and_their_prior_say():
     nothing = model.infer(Transitions(*(column[0, :0] for column in sets)))
     np.testing.assert_allclose(model.task_probabilities(nothing, candidates), 0.2, rtol=1e-5)
     for bad, named in (
-        ({"tasks": candidates[:, :1]}, r"`tasks` has shape \(5, 1\): give candidates of shape \(n, 2\)"),
+        ({"tasks": candidates[:, :1]}, r"`tasks` has shape \(5, 1\): give candidates of shape \(1 or more, 2\)"),
+        ({"tasks": candidates[:0]}, r"`tasks` has shape \(0, 2\): give candidates of shape \(1 or more, 2\)"),
         (
             {"tasks": candidates, "log_prior": np.zeros(4)},
             r"`log_prior` has shape \(4,\): give one for each task, \(5,\)",

@@ -27,6 +27,7 @@ SMALL = {"policy_kwargs": {"net_arch": [8]}, "buffer_size": 100}
         ({"gradient_steps": 0.5}, TypeError),
         ({"learning_starts": -1}, ValueError),
         ({"learning_starts": [100]}, TypeError),
+        ({"learning_starts": 0.5}, TypeError),
         ({"train_freq": 0}, ValueError),
         ({"train_freq": "1"}, ValueError),
         ({"train_freq": (1, "steps")}, ValueError),
@@ -167,6 +168,7 @@ def test_what_sb3_takes_is_taken():
     noise = NormalActionNoise(np.zeros(2), np.ones(2))
     given = {"batch_size": np.int64(8), "gradient_steps": -1, "train_freq": (2, "step"), "action_noise": noise}
     given |= {"learning_rate": lambda left: 1e-3 * left, "ent_coef": "auto_0.1", "target_entropy": -1, "seed": None}
+    given |= {"learning_starts": 1e2, "verbose": True}
     check_values({**given, "train_freq": [1, "episode"], "ent_coef": 0.1, "learning_rate": np.float32(1e-3)})
     assert BrunoSAC("MlpPolicy", POINT, **SMALL, **given).gradient_steps == -1
 
@@ -176,7 +178,8 @@ def test_what_sb3_takes_is_taken():
     [
         ({"total_timesteps": "100"}, "`total_timesteps='100'` is no number"),
         ({"total_timesteps": None}, "`total_timesteps=None` is no number"),
-        ({"total_timesteps": np.nan}, "`total_timesteps=nan` is no number"),
+        ({"total_timesteps": np.nan}, "`total_timesteps=nan` is none: give a number"),
+        ({"total_timesteps": -5}, "`total_timesteps=-5` is none: give a number"),
         ({"total_timesteps": 10, "log_interval": 0}, "`log_interval=0` is no interval"),
         ({"total_timesteps": 10, "log_interval": "a"}, "`log_interval='a'` is no whole number"),
     ],

@@ -163,6 +163,7 @@ def test_what_does_not_go_together_is_refused(kwargs, remedy):
         ProductOfGaussians(3, 2, **kwargs)
 
 
-def test_a_prior_factor_is_on_or_off():
+@pytest.mark.parametrize("given", ["no", 1])
+def test_a_prior_factor_is_on_or_off(given):
     with pytest.raises(TypeError, match="neither True nor False"):
-        ProductOfGaussians(3, 2, prior_factor="no")
+        ProductOfGaussians(3, 2, prior_factor=given)

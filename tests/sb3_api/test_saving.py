@@ -123,6 +123,11 @@ def test_parameters_move_from_model_to_model(make_model):
     with pytest.raises(ValueError, match="encoder_optimizer"):
         target.set_parameters(parameters)
     target.set_parameters(parameters, exact_match=False)
+    given = source.get_parameters()
+    given["policy"] = dict(list(given["policy"].items())[1:])
+    for error in (RuntimeError, ValueError):  # SB3's, and ours everywhere else
+        with pytest.raises(error, match=r"not those of such an agent.*Give its own"):
+            target.set_parameters(given)
 
 
 def test_a_replay_buffer_comes_back_and_is_learned_from(make_model, tmp_path):

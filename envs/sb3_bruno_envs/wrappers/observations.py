@@ -33,6 +33,9 @@ class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorAr
         env: an environment with a bounded Box action, whose observation is a Box, Discrete, MultiDiscrete or
             MultiBinary, or a Dict or Tuple of these.
 
+    Attributes:
+        episode_steps: steps since the last reset, over all episodes of a trial.
+
     Raises:
         ValueError: if the observation is none of these or holds a uint8 image, or the action is no Box or not bounded,
             or an observation wrapper is around a Trial.
@@ -52,6 +55,7 @@ class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorAr
         self._action_low = actions.low.ravel()  # (action_dim,)
         self._action_high = actions.high.ravel()  # (action_dim,)
         self._per_unit = 2.0 / (self._action_high - self._action_low)  # (action_dim,)
+        self.episode_steps = 0
         self.observation_space = Dict(
             {
                 "action": Box(-1.0, 1.0, self._action_low.shape),
@@ -66,12 +70,14 @@ class TransitionObservation(gym.Wrapper[Any, Any, Any, Any], RecordConstructorAr
     ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
         """Reset the environment; there is no last action or reward yet."""
         observation, info = self.env.reset(seed=seed, options=options)
+        self.episode_steps = 0
         no_action = np.zeros_like(self._action_low)
         return self._show(observation, no_action, 0.0, episode_start=1.0), info
 
     def step(self, action: Any) -> tuple[dict[str, NDArray[np.float32]], SupportsFloat, bool, bool, dict[str, Any]]:
         """Step the environment and show the action and the reward of this step."""
         observation, reward, terminated, truncated, info = self.env.step(action)
+        self.episode_steps += 1
         begins = 0.0
         if "trial_final_observation" in info:  # Trial marks an inner start so
             begins = 0.5

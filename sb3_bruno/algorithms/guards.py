@@ -1,0 +1,78 @@
+"""Guards learning against envs that misbehave between two of its steps."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+from sb3_bruno.algorithms.reading import read_numbers
+from sb3_bruno.buffers import TaskReplayBuffer
+
+
+def has_moved(env: VecEnv, buffer: TaskReplayBuffer) -> bool:
+    """Tell whether an env is at another step than the agent's last, and warn if so.
+
+    Where envs do not count their steps, as ``TransitionObservation`` does, nothing can be told.
+    """
+    if not env.has_attr("episode_steps") or env.get_attr("episode_steps") == buffer.episodes.lengths.tolist():
+        return False
+    warnings.warn(
+        "Since the agent last learned, someone else has stepped or reset its env, such as an evaluation: learning goes "
+        "on with new episodes. Evaluate on an env of its own.",
+        stacklevel=4,
+    )
+    return True
+
+
+def check_step_tasks(infos: Sequence[dict[str, Any]], buffer: TaskReplayBuffer, task_space: spaces.Box) -> None:
+    """Check the tasks in the infos of a step, before it is stored; one that is missing is the buffer's to refuse.
+
+    Raises:
+        ValueError: if a task is no vector of the task space, or another than that of the step before in its episode.
+    """
+    before = buffer.last_tasks() if buffer.episodes.lengths.any() else None
+    for i, info in enumerate(infos):
+        if "task" not in info:
+            continue
+        task = read_numbers(f"info['task'] of env {i}", info["task"]).ravel()
+        if task.shape != task_space.shape:
+            raise ValueError(
+                f"The task of env {i} is {task}, and the `task_space` has {task_space.shape[0]} numbers: give as many."
+            )
+        if before is not None and buffer.episodes.lengths[i] > 0 and (np.abs(task - before[i]) > 0).any():
+            raise ValueError(
+                f"The task of env {i} changed from {before[i]} to {task} within an episode: an episode has one task, "
+                "so end it there."
+            )
+
+
+@contextmanager
+def finite_statistics(env: VecNormalize | None) -> Iterator[None]:
+    """Take the statistics of a VecNormalize back, if the block fails and leaves one that is not finite.
+
+    It reads a number before the agent can refuse it.
+    """
+    kept = [(moments, (moments.mean, moments.var, moments.count)) for moments in _moments(env)]
+    try:
+        yield
+    except BaseException:
+        if not all(np.isfinite([moments.mean, moments.var]).all() for moments, _ in kept):
+            for moments, before in kept:
+                moments.mean, moments.var, moments.count = before
+        raise
+
+
+def _moments(env: VecNormalize | None) -> list[RunningMeanStd]:
+    """List the running statistics of a VecNormalize, none if there is none."""
+    if env is None:
+        return []
+    of_observations: Any = getattr(env, "obs_rms", None) or {}
+    several = of_observations.values() if isinstance(of_observations, dict) else [of_observations]
+    return [*several, env.ret_rms]

@@ -1,0 +1,10 @@
+"""Makes generators of random numbers that SB3's seeds reach."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def random_generator(seed: int | None = None) -> np.random.Generator:
+    """Make a generator from a seed; None: from NumPy's global state, which SB3's ``set_random_seed`` seeds."""
+    return np.random.default_rng(np.random.randint(2**31) if seed is None else seed)  # noqa: NPY002
