@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 
 from sb3_bruno.cli.mistake import Mistake, check_installed, told_as_mistake
 from sb3_bruno.cli.parser import add_gym_packages, add_run, add_trust, command_parser
+from sb3_bruno.cli.shown_command import env_flags, shown_command
 from sb3_bruno.cli.values import writable_folder
 
 AGENTS = Path("agents")
@@ -85,14 +86,18 @@ def pull(arguments: list[str]) -> None:
     _check_hub()
 
     from sb3_bruno.export.hub import fetch
+    from sb3_bruno.zoo.saved_run import SavedRun
     from sb3_bruno.zoo.shared_run import take_in
 
     with told_as_mistake(), TemporaryDirectory() as temporary:
         fetched, place = Path(temporary), f"--repo-id {options.repo_id}"
         fetch(options.repo_id, fetched)
         folder = take_in(fetched, options.out, place, options.gym_packages)
-    algo, env = folder.parent.name, folder.name.rpartition("_")[0]
-    print(f"Saved {folder}. Watch it: sb3-bruno enjoy -f {options.out} --algo {algo} --env {env}")
+    algo, name = folder.parent.name, folder.name.rpartition("_")[0]
+    env = str(SavedRun.load(folder / name).arguments.get("env"))  # with slashes, of which a folder's name has none
+    known = env if env.replace("/", "-") == name else name
+    flags = ["-f", options.out, "--algo", algo, *env_flags(known, options.gym_packages)]
+    print(f"Saved {folder}. Watch it: {shown_command('enjoy', *flags)}")
 
 
 def _add_repo(parser: argparse.ArgumentParser) -> None:

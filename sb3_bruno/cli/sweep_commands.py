@@ -20,6 +20,7 @@ from optuna.trial import TrialState
 from sqlalchemy.exc import SQLAlchemyError
 
 from sb3_bruno.cli.mistake import Mistake, told_as_mistake
+from sb3_bruno.cli.shown_command import env_flags, shown_command
 from sb3_bruno.cli.trial_bar import trial_bar
 from sb3_bruno.runs.denormals import flushed_denormals
 from sb3_bruno.zoo.another_encoder import fitted_to_encoder
@@ -61,7 +62,8 @@ def init(options: argparse.Namespace) -> None:
     with told_as_mistake(), told_as_lost(options):
         create_study(options.storage, options.study_name, settings)
     storage = without_password(options.storage)
-    print(f"Made {options.study_name} in {storage}: start workers with sb3-bruno sweep run")
+    start = shown_command("sweep run", "--storage", storage, "--study-name", options.study_name)
+    print(f"Made {options.study_name} in {storage}: start workers with {start}")
 
 
 def read_config(algo: str, env: str, conf: str | None) -> dict[str, Any]:
@@ -148,6 +150,8 @@ def status(options: argparse.Namespace) -> None:
 
 def best(options: argparse.Namespace) -> None:
     """Write the best hyperparameters as a config that sb3-bruno train takes as it is."""
+    if options.out.suffix not in (".yml", ".yaml"):
+        raise Mistake(f"--out {options.out} is no name of a config, which -conf would take: let it end in .yml")
     study = find_study(options)
     if not study.get_trials(deepcopy=False, states=[TrialState.COMPLETE]):
         raise Mistake(f"no trial of {options.study_name} is complete: start workers with sb3-bruno sweep run")
@@ -166,7 +170,8 @@ def best(options: argparse.Namespace) -> None:
     except yaml.representer.RepresenterError as error:
         raise Mistake(f"--algo {settings['algo']} draws what YAML cannot hold: {error}") from error
     save(text, options)
-    print(text + f"\nSaved {options.out}: sb3-bruno train --env {settings['env']} -conf {options.out}")
+    train = ["--algo", settings["algo"], *env_flags(settings["env"], settings.get("gym_packages", []))]
+    print(text + f"\nSaved {options.out}: {shown_command('train', *train, '-conf', options.out)}")
 
 
 def merged_texts(base: Mapping[str, Any], drawn: Mapping[str, Any]) -> dict[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import shlex
 import shutil
 import warnings
 from contextlib import suppress
@@ -74,6 +75,11 @@ def has_agent(run: Path, env: str) -> bool:
     return any((run / f"{env}{end}").is_file() for end in (AGENT_FILE, SB3_FILE))
 
 
+def resuming_command(run: Path) -> str:
+    """Write the command that goes on with a run, quoted for a shell."""
+    return shlex.join(["sb3-bruno", "train", "--resume", str(run)])
+
+
 def is_unfinished(run: Path) -> bool:
     """Tell whether a run was interrupted, or is still going on. Runs of older versions have no mark."""
     return (run / UNFINISHED).exists()
@@ -99,7 +105,7 @@ def latest_finished(runs: Path, env: str) -> int:
                 warnings.warn(f"{passed_over}. Taken instead: {run}.", stacklevel=3)
             return number
         passed_over = passed_over or (
-            f"{run} is unfinished: go on with it by `sb3-bruno train --resume {run}`, or take it as it is by "
+            f"{run} is unfinished: go on with it by `{resuming_command(run)}`, or take it as it is by "
             f"`--exp-id {number}`"
         )
     if passed_over is not None:

@@ -19,7 +19,7 @@ from sb3_bruno.evaluation.resumable_eval import ResumableEvalCallback
 from sb3_bruno.files.whole import whole_file, whole_files
 from sb3_bruno.resume.checkpoint import resume
 from sb3_bruno.resume.interrupt import InterruptibleResumeCallback, deaf_children
-from sb3_bruno.runs.folder import AGENT_FILE, SB3_FILE, RunFolder
+from sb3_bruno.runs.folder import AGENT_FILE, SB3_FILE, RunFolder, resuming_command
 from sb3_bruno.runs.origin import save_origin
 from sb3_bruno.zoo.stored_agent import OF_BEST, STATISTICS, write_beside
 
@@ -223,7 +223,7 @@ class _StoppableModel:
 def _how_to_go_on(run: Path, model: BaseAlgorithm, n_timesteps: int) -> str:
     """Say in a line how to go on with an interrupted run."""
     if (run / CHECKPOINT).is_file():
-        remedy = f"go on by `sb3-bruno train --resume {run}`"
+        remedy = f"go on by `{resuming_command(run)}`"
     else:
         remedy = "it saved no checkpoint, so train anew"
     return f"Interrupted at {model.num_timesteps:,} of {n_timesteps:,} env steps: {remedy}"

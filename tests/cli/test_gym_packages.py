@@ -1,5 +1,6 @@
 """An environment of somebody's own: every command that needs it imports the package that registers it."""
 
+import shlex
 import sys
 
 import gymnasium as gym
@@ -54,6 +55,30 @@ def test_it_is_searched_by_workers_that_import_it_themselves(run):
     forget()
     printed, mistake = run("sweep", "run", *STUDY, "--max-total-trials", 1)
     assert mistake == "" and "1 complete" in printed
+
+
+def test_the_line_that_a_sweep_ends_with_trains_as_it_stands(run, tmp_path):
+    flags = ["--algo", "belief_sac", "--env", "my_envs:Mine-v0", "-conf", "my.yml", "-n", 64, "--n-evaluations", 1]
+    printed, mistake = run("sweep", "init", *STUDY, *flags)
+    assert mistake == ""
+    start = shlex.split(printed.partition("start workers with sb3-bruno ")[2])
+    assert run(*start, "--max-total-trials", 1)[1] == ""
+    printed, mistake = run("sweep", "best", *STUDY, "--out", "the best.yml")
+    assert mistake == ""
+    line = printed.strip().rpartition("Saved the best.yml: ")[2]
+    assert line == "sb3-bruno train --algo belief_sac --env my_envs:Mine-v0 -conf 'the best.yml'"
+    forget()
+    assert run(*shlex.split(line)[1:])[1] == ""
+    assert (tmp_path / "logs" / "belief_sac" / "Mine-v0_1" / "Mine-v0.zip").is_file()
+
+
+def test_the_line_names_all_packages(run, package, tmp_path):
+    (tmp_path / "my_encoders.py").write_text("")
+    flags = ["--env", "my_envs:Mine-v0", "--gym-packages", "my_encoders", "-conf", "my.yml", "-n", 64]
+    run("sweep", "init", *STUDY, *flags, "--n-evaluations", 1)
+    run("sweep", "run", *STUDY, "--max-total-trials", 1)
+    line = run("sweep", "best", *STUDY)[0].strip().splitlines()[-1]
+    assert line.endswith("train --algo bruno_sac --env Mine-v0 --gym-packages my_encoders my_envs -conf best.yml")
 
 
 def test_a_family_is_evaluated_on_its_test_tasks_while_it_is_trained(run, package, tmp_path):

@@ -197,7 +197,18 @@ def test_a_wrapper_of_a_package_that_both_sides_name_is_shared(run, here, hub):
         mistake = run(*command)[1]
         assert "asks for the wrapper 'gymnasium.wrappers.Autoreset', which is not ours: give --gym-packages" in mistake
         assert "--trust" not in mistake
-        assert run(*command, "--gym-packages", "gymnasium")[1] == ""
+        printed, mistake = run(*command, "--gym-packages", "gymnasium")
+        assert mistake == ""
+    assert "enjoy -f agents --algo bruno_sac --env gymnasium:PointDir-v0" in printed
+
+
+@pytest.mark.parametrize(("env", "told"), [("Point/Dir-v0", "Point/Dir-v0"), ("other:Point-Dir-v0", "Point-Dir-v0")])
+def test_the_line_that_watches_it_names_the_environment_by_its_id_with_slashes(run, here, hub, env, told):
+    path = here / PACKED / "PointDir-v0" / "args.yml"
+    path.write_text(yaml.dump({**read_saved(path), "env": env}))
+    assert run("push", *renamed(here, "Point-Dir-v0"))[1] == ""
+    printed, mistake = run(*PULL, "--out", "the agents")
+    assert mistake == "" and f"enjoy -f 'the agents' --algo bruno_sac --env {told}\n" in printed
 
 
 def renamed(folder, env):

@@ -53,6 +53,13 @@ def test_a_storage_that_cannot_be_opened_is_one_line(storage, folder):
     assert len(str(end.value).splitlines()) == 1
 
 
+def test_a_config_that_train_would_not_take_is_not_written(folder):
+    study_of_another(with_settings=True)
+    with pytest.raises(SystemExit, match=r"--out best is no name of a config, .*: let it end in \.yml"):
+        main(["sweep", "best", *CHOSEN, "--out", "best"])
+    assert not (folder / "best").exists()
+
+
 def test_the_folder_of_what_is_saved_is_made(folder):
     study_of_another(with_settings=True)
     main(["sweep", "export", *CHOSEN, "--out", "new/folder/trials.csv"])

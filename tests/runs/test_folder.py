@@ -1,12 +1,13 @@
 """One process at a time trains in a run's folder, which a dead one does not keep."""
 
 import os
+import shlex
 import time
 
 import pytest
 from filelock import FileLock
 
-from sb3_bruno.runs.folder import UNFINISHED, RunFolder, is_unfinished, latest_finished
+from sb3_bruno.runs.folder import UNFINISHED, RunFolder, is_unfinished, latest_finished, resuming_command
 
 
 def in_child(act):
@@ -82,6 +83,14 @@ def test_the_latest_finished_run_is_found_among_others(tmp_path):
     run(tmp_path, 11, unfinished=True)
     with pytest.warns(UserWarning, match=r"PointDir-v0_11 is unfinished: .* Taken instead: .*PointDir-v0_10"):
         assert latest_finished(tmp_path, "PointDir-v0") == 10
+
+
+def test_the_command_that_resumes_names_a_folder_as_a_shell_reads_it(tmp_path):
+    run(tmp_path / "my logs", 1, unfinished=True)
+    folder = tmp_path / "my logs" / "PointDir-v0_1"
+    assert shlex.split(resuming_command(folder)) == ["sb3-bruno", "train", "--resume", str(folder)]
+    with pytest.raises(ValueError, match=f"go on with it by `sb3-bruno train --resume '{folder}'`"):
+        latest_finished(tmp_path / "my logs", "PointDir-v0")
 
 
 def test_a_file_system_without_locks_is_warned_of_and_no_obstacle(tmp_path, monkeypatch):
