@@ -124,7 +124,7 @@ def train(steps: int, seed: int, folder: Path) -> OffPolicyAlgorithm:
         print(f"Going on at {model.num_timesteps:,} env steps, from {checkpoint}")
     else:
         model = BrunoSAC("MlpPolicy", env, seed=seed, **HYPERPARAMETERS)
-    save = InterruptibleResumeCallback(checkpoint, SAVE_FREQ)
+    save = InterruptibleResumeCallback(checkpoint, SAVE_FREQ, how_to_resume="give the same command again")
     remaining = steps - model.num_timesteps
     if remaining > 0:
         with save.listening():

@@ -39,6 +39,7 @@ def train(arguments: Arguments) -> None:
 
     import rl_zoo3.train
 
+    from sb3_bruno.files.whole import NotWritten
     from sb3_bruno.runs.denormals import flushed_denormals
     from sb3_bruno.zoo.experiment import TaskExperiment
     from sb3_bruno.zoo.kept_run import RunOptions
@@ -63,7 +64,8 @@ def train(arguments: Arguments) -> None:
     checkpoint_freq = CHECKPOINT_FREQ if own.checkpoint_freq is None else own.checkpoint_freq
     options = RunOptions(checkpoint_freq, resume_from, chosen.command, has_started.set)
     experiment = partial(TaskExperiment, options=options)
-    with flushed_denormals(), replaced(vars(rl_zoo3.train), "ExperimentManager", experiment):
+    ours = replaced(vars(rl_zoo3.train), "ExperimentManager", experiment)
+    with flushed_denormals(), ours, told_as_mistake(NotWritten):
         call(rl_zoo3.train.train, "train", chosen.command, has_started.is_set, parser.flags)
 
 

@@ -83,10 +83,11 @@ class TaskEvalCallback(ResumableEvalCallback):
     def _on_step(self) -> bool:
         self._episode_tasks, self._episode_names = [], []
         continue_training = super()._on_step()
-        if self._episode_tasks and self.log_path is not None:
+        if len(self.evaluations_tasks) < len(self.evaluations_results):
+            assert self.log_path is not None  # for mypy: with none, no results are kept
             self.evaluations_tasks.append(np.stack(self._episode_tasks))
             self.evaluations_names.append(np.array(self._episode_names))
-            with whole_file(Path(self.log_path).with_name(_TASKS_FILE)) as part:
+            with self._full_disk_told(), whole_file(Path(self.log_path).with_name(_TASKS_FILE)) as part:
                 np.savez(part, tasks=np.stack(self.evaluations_tasks), names=np.stack(self.evaluations_names))
         return continue_training
 

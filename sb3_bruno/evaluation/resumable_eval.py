@@ -6,8 +6,8 @@ import os
 import warnings
 import zipfile
 import zlib
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,7 +17,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import EvalCallback
 
 from sb3_bruno.evaluation.told import success
-from sb3_bruno.files.whole import whole_files
+from sb3_bruno.files.whole import is_full, whole_files
 
 Rows = dict[str, NDArray[Any]]
 """Arrays by name, each with a row per evaluation."""
@@ -35,6 +35,9 @@ class ResumableEvalCallback(EvalCallback):
 
     ``successes`` in ``evaluations.npz`` has a number for each episode, NaN for one that does not tell. SB3 leaves such
     episodes out, and cannot save rows of different lengths.
+
+    If the disk is full, a warning says so, and training goes on: the files stay as they were, and the next evaluation
+    writes the rows of this one too.
 
     While an evaluation goes on, ``log_path`` and ``best_model_save_path`` name the places where its files are made.
 
@@ -57,8 +60,8 @@ class ResumableEvalCallback(EvalCallback):
             raise ValueError("log_path=None holds no learning curve to continue: give that of the first run.")
         self.n_calls = model.num_timesteps // model.n_envs
         folder = Path(self.log_path).parent
-        if not any((folder / name).exists() for name in self.files):
-            return  # the run died before its first evaluation
+        if not (folder / _FILE).exists():
+            return  # the run died before its first evaluation, or the disk had no room for it
         try:
             rows = self.read(folder)
         except ValueError as error:
@@ -121,7 +124,7 @@ class ResumableEvalCallback(EvalCallback):
         log_path, best_path = self.log_path, self.best_model_save_path
         self._told: list[float] = []  # the success of each episode of this evaluation
         successes: list[Any] = self.evaluations_successes
-        with ExitStack() as whole:
+        with self._full_disk_told(), ExitStack() as whole:
             try:
                 if log_path is not None:
                     self.log_path = str(whole.enter_context(whole_files(Path(log_path).parent, _FILE)) / "evaluations")
@@ -130,12 +133,26 @@ class ResumableEvalCallback(EvalCallback):
                 self.evaluations_successes = []
                 continue_training = super()._on_step()
                 if self.log_path is not None:
-                    successes.append(self._told)
-                    self._save_successes(successes)
+                    self._save_successes([*successes, self._told])
                 return continue_training
             finally:
+                if len(self.evaluations_results) > len(successes):
+                    successes.append(self._told)
                 self.evaluations_successes = successes
                 self.log_path, self.best_model_save_path = log_path, best_path
+        return True  # the disk was full
+
+    @contextmanager
+    def _full_disk_told(self) -> Iterator[None]:
+        """Warn if the disk is full, where the block writes."""
+        try:
+            yield
+        except OSError as error:
+            if not is_full(error):  # such as a pipe to an environment that died
+                raise
+            problem = f"The evaluation at {self.num_timesteps} env steps cannot be written to {self.log_path!r}"
+            remedy = "free some space. Training goes on, and the next evaluation is written with this one."
+            warnings.warn(f"{problem} ({error.strerror}): {remedy}", stacklevel=3)
 
     def _save_successes(self, successes: list[list[float]]) -> None:
         """Add them to the file that SB3 has just written, if any episode told of one."""

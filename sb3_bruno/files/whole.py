@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+
+
+class NotWritten(OSError):
+    """Raised with a path that cannot be written, why, and what to do."""
+
+
+def not_written(path: str | Path, error: OSError, remedy: str) -> NotWritten:
+    """Make the error that names a path which cannot be written, the system's reason and the remedy."""
+    return NotWritten(f"{path} cannot be written ({error.strerror or error}): {remedy}.")
+
+
+def is_full(error: OSError) -> bool:
+    """Tell whether a disk, or the user's share of it, has no room for what was to be written."""
+    return error.errno in _FULL
 
 
 @contextmanager

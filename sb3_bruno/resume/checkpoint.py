@@ -1,4 +1,4 @@
-"""Saves checkpoints from which a training run continues exactly; a kill at any moment leaves the last one whole."""
+"""Saves a training run in one file, from which it continues exactly; a kill at any moment leaves the last one whole."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import Any
 import cloudpickle
 import numpy as np
 import torch as th
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import GymEnv
 from stable_baselines3.her.her_replay_buffer import HerReplayBuffer
@@ -19,104 +18,12 @@ from stable_baselines3.her.her_replay_buffer import HerReplayBuffer
 from sb3_bruno.algorithms.checks import check_family
 from sb3_bruno.algorithms.task_inference import TaskInference
 from sb3_bruno.files.sealed import Damaged, sealing, unsealed
-from sb3_bruno.files.whole import check_writable
 from sb3_bruno.resume.env_state import EnvState, restore_envs, restore_wrappers, save_envs, wrapped_alike
 
 FORMAT = "sb3_bruno checkpoint 1"
 """The first line of a checkpoint. Its number grows when older checkpoints can no longer be read."""
 
 _PARTS = {"class", "model", "replay_buffer", "random", "envs"}
-
-
-class ResumeCallback(BaseCallback):
-    """Saves a checkpoint now and then, from which ``resume`` continues as if nothing had happened.
-
-    A checkpoint is saved at the start of a rollout, because then no transition is half stored. It is written under
-    another name first, and then replaces the last checkpoint. So the file at ``path`` is whole whenever the process
-    dies.
-
-    As the child of an event callback, such as EveryNTimesteps or EvalCallback, it saves at the start of the rollout
-    after each event, whatever ``save_freq`` is.
-
-    Args:
-        path: the checkpoint file; each checkpoint replaces the last.
-        save_freq: environment steps between two checkpoints.
-        verbose: 1 prints a line for each checkpoint.
-
-    Raises:
-        ValueError: if ``save_freq`` is not positive, the model is not off-policy, ``path`` cannot be written, or a
-            callback that is none of SB3's calls this one and does not tell it of rollouts.
-    """
-
-    def __init__(self, path: str | pathlib.Path, save_freq: int = 10_000, verbose: int = 0) -> None:
-        super().__init__(verbose)
-        if not save_freq >= 1:  # NaN is not
-            raise ValueError(f"save_freq={save_freq} is not positive: give the env steps between two checkpoints.")
-        self.path = pathlib.Path(path)
-        self.save_freq = save_freq
-        self._saved_at = 0
-        self._is_told_of_rollouts = False
-        self._is_due = False
-
-    def save(self) -> None:
-        """Save a checkpoint, at the start of a rollout."""
-        assert isinstance(self.model, OffPolicyAlgorithm)  # for mypy: _init_callback checked it
-        self._saved_at = self.model.num_timesteps
-        self._is_due = False
-        save_checkpoint(self.model, self.path)
-        if self.verbose > 0:
-            print(f"Checkpoint at {self._saved_at} env steps: {self.path}")
-
-    def _init_callback(self) -> None:
-        if not isinstance(self.model, OffPolicyAlgorithm):
-            raise ValueError(
-                f"model is of class {type(self.model).__name__}, and only off-policy ones can be resumed exactly: use "
-                "SB3's CheckpointCallback."
-            )
-        check_writable(self.path)
-        self._saved_at = self.model.num_timesteps
-        self._is_told_of_rollouts = self._is_due = False
-
-    def _on_rollout_start(self) -> None:
-        self._is_told_of_rollouts = True
-        if self.model.num_timesteps - self._saved_at >= self.save_freq:
-            self.save()
-
-    def _on_step(self) -> bool:
-        if not self._is_told_of_rollouts and not self._is_due:
-            self._save_at_next_rollout()
-        return True
-
-    def _save_at_next_rollout(self) -> None:
-        """Have the outermost callback, which alone is told of rollouts, save before the next: an event is now."""
-        outermost = _outermost(self)
-        on_rollout_start = outermost.on_rollout_start
-
-        def save_first() -> None:
-            outermost.on_rollout_start = on_rollout_start  # type: ignore[method-assign]  # once only
-            self.save()
-            on_rollout_start()
-
-        outermost.on_rollout_start = save_first  # type: ignore[method-assign]
-        self._is_due = True
-
-
-def _outermost(callback: BaseCallback) -> BaseCallback:
-    """Find the callback that ``learn`` calls, among its local variables, which it shows to callbacks and their parents.
-
-    Raises:
-        ValueError: if neither ``callback`` nor a parent of it was shown them.
-    """
-    shown: BaseCallback | None = callback
-    while shown is not None and "callback" not in shown.locals:
-        shown = shown.parent
-    if shown is None:
-        raise ValueError(
-            "ResumeCallback is called by a callback that does not tell it of rollouts, so it cannot know when nothing "
-            "is half stored: give it to learn() beside that callback, or call its on_rollout_start() there too."
-        )
-    outermost: BaseCallback = shown.locals["callback"]
-    return outermost
 
 
 def save_checkpoint(model: OffPolicyAlgorithm, path: str | pathlib.Path) -> None:

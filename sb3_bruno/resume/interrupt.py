@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-from sb3_bruno.resume.checkpoint import ResumeCallback
+from sb3_bruno.resume.callback import ResumeCallback
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _ASKED = b"\nInterrupted: a checkpoint is saved when this rollout ends. Interrupt again to stop at once.\n"
@@ -20,7 +20,8 @@ class InterruptibleResumeCallback(ResumeCallback):
     """Saves checkpoints as ResumeCallback does, and one more when the training is interrupted.
 
     Inside ``listening()``, the first Ctrl-C or SIGTERM has a checkpoint saved at the start of the next rollout, which
-    then raises KeyboardInterrupt: the run can be resumed exactly. A second one raises KeyboardInterrupt at once.
+    then raises KeyboardInterrupt: the run can be resumed exactly. If it cannot be written, it raises NotWritten.
+    A second signal raises KeyboardInterrupt at once.
     """
 
     _is_interrupted = False

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnv
 
 from sb3_bruno.evaluation.resumable_eval import ResumableEvalCallback
-from sb3_bruno.files.whole import whole_file, whole_files
+from sb3_bruno.files.whole import is_full, not_written, whole_file, whole_files
 from sb3_bruno.resume.checkpoint import resume
 from sb3_bruno.resume.interrupt import InterruptibleResumeCallback, deaf_children
 from sb3_bruno.runs.folder import AGENT_FILE, SB3_FILE, RunFolder, resuming_command
@@ -122,7 +122,8 @@ class KeptRun(ExperimentManager):
         """Add the callback that saves checkpoints, for an algorithm that can be resumed."""
         freq = self._options.checkpoint_freq
         if freq > 0 and issubclass(algorithm, OffPolicyAlgorithm):
-            self._saver = InterruptibleResumeCallback(Path(self.save_path) / CHECKPOINT, freq)
+            path = Path(self.save_path)
+            self._saver = InterruptibleResumeCallback(path / CHECKPOINT, freq, how_to_resume=_how_to_go_on(path))
             self.callbacks.append(self._saver)
 
     def create_envs(self, n_envs: int, eval_env: bool = False, no_log: bool = False) -> VecEnv:
@@ -136,12 +137,15 @@ class KeptRun(ExperimentManager):
         """Train the model; a resumed run for the environment steps that are left.
 
         The run is marked as unfinished meanwhile. An interrupt ends the training with a checkpoint.
+
+        Raises:
+            NotWritten: if the disk is full, with how to go on.
         """
         assert self._folder is not None  # for mypy: setup_experiment has made it
         self._options.on_start()
         stoppable = _StoppableModel(model, is_resumed=self._resume_from is not None)
         try:
-            with nullcontext() if self._saver is None else self._saver.listening():
+            with self._full_disk_told(), nullcontext() if self._saver is None else self._saver.listening():
                 self._folder.begin()
                 super().learn(stoppable)  # type: ignore[arg-type]
         except BaseException:
@@ -155,17 +159,35 @@ class KeptRun(ExperimentManager):
         Raises:
             KeyboardInterrupt: if the training was interrupted. The model is saved, the mark stays, and how to go on is
                 told.
+            NotWritten: if the disk is full. The mark stays.
         """
         assert self._folder is not None  # for mypy: setup_experiment has made it
         print(f"Saving to {self.save_path}")
         try:
-            self._save_agent(model)
+            with self._full_disk_told():
+                self._save_agent(model)
             if self._is_interrupted:
-                print(_how_to_go_on(self._folder.path, model, self.n_timesteps))
+                steps = f"{model.num_timesteps:,} of {self.n_timesteps:,} env steps"
+                print(f"Interrupted at {steps}: {self._remedy()}")
                 raise KeyboardInterrupt
             self._folder.finish()
         finally:
             self._folder.release()
+
+    @contextmanager
+    def _full_disk_told(self) -> Iterator[None]:
+        """Tell where the disk was full, and how to go on, instead of the bare error of the block."""
+        try:
+            yield
+        except OSError as error:
+            if not is_full(error):
+                raise
+            raise not_written(self.save_path, error, f"free some space, then {self._remedy()}") from error
+
+    def _remedy(self) -> str:
+        """Say how to go on with this run."""
+        run = Path(self.save_path)
+        return _how_to_go_on(run) if (run / CHECKPOINT).is_file() else "train anew, for it saved no checkpoint"
 
     def _save_agent(self, model: BaseAlgorithm) -> None:
         """Save what rl_zoo3 saves, and the agent file, as whole files."""
@@ -220,10 +242,6 @@ class _StoppableModel:
             raise
 
 
-def _how_to_go_on(run: Path, model: BaseAlgorithm, n_timesteps: int) -> str:
-    """Say in a line how to go on with an interrupted run."""
-    if (run / CHECKPOINT).is_file():
-        remedy = f"go on by `{resuming_command(run)}`"
-    else:
-        remedy = "it saved no checkpoint, so train anew"
-    return f"Interrupted at {model.num_timesteps:,} of {n_timesteps:,} env steps: {remedy}"
+def _how_to_go_on(run: Path) -> str:
+    """Say how to go on with a run that has a checkpoint."""
+    return f"go on by `{resuming_command(run)}`"

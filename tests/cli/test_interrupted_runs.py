@@ -15,7 +15,7 @@ from stable_baselines3.common.monitor import load_results
 
 from sb3_bruno import BrunoSAC
 from sb3_bruno.evaluation.eval_callback import load_learning_curve
-from sb3_bruno.resume.checkpoint import ResumeCallback
+from sb3_bruno.resume import ResumeCallback
 from sb3_bruno.resume.interrupt import InterruptibleResumeCallback
 from sb3_bruno.runs.folder import RunFolder, is_unfinished
 from sb3_bruno.runs.origin import ORIGIN, trained_at
@@ -66,7 +66,7 @@ def test_an_interrupted_run_tells_how_to_go_on_and_does_so(run, tmp_path, interr
 def test_an_interrupt_without_a_checkpoint_says_that_there_is_none(run, tmp_path, interrupted):
     interrupted(signal.SIGINT, times=2)
     printed, code = run(*tiny("--eval-freq", -1))
-    assert code == "130" and "it saved no checkpoint, so train anew" in printed
+    assert code == "130" and "train anew, for it saved no checkpoint" in printed
     mistake = run("evaluate", "--env", "PointDir-v0")[1]
     assert "PointDir-v0_1 is unfinished: go on with it by" in mistake and "\n" not in mistake
     assert "PointDir-v0_1 is unfinished" in run("enjoy", "--env", "PointDir-v0", "--no-render", "-n", 5)[1]

@@ -18,6 +18,7 @@ from stable_baselines3.common.monitor import Monitor
 from sb3_bruno.evaluation.eval_callback import TaskEvalCallback, load_learning_curve
 from sb3_bruno.evaluation.resumable_eval import ResumableEvalCallback
 from support.dying import dies_at
+from support.full_disk import full_disk
 
 
 class CycleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -218,3 +219,31 @@ def test_there_is_nothing_to_continue_without_a_folder_or_before_the_first_evalu
 def test_load_names_the_folder_that_lacks_the_files(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="holds no evaluations with tasks: give a log_path of TaskEvalCallback"):
         load_learning_curve(tmp_path)
+
+
+@KINDS
+def test_evaluations_that_a_full_disk_refuses_are_written_with_the_next(
+    tmp_path: Path, kind: type[ResumableEvalCallback]
+) -> None:
+    callback, model = evaluating(tmp_path, kind), model_after(0)
+    model.learn(10, callback)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with full_disk(100), pytest.warns(UserWarning, match=r"at 20 env steps .* \(File too large\): free some space"):
+        model.learn(10, callback, reset_num_timesteps=False)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    model.learn(10, callback, reset_num_timesteps=False)
+    rows = kind.read(tmp_path)
+    assert rows["timesteps"].tolist() == [10, 20, 30] and len(rows["successes"]) == 3
+    if kind is TaskEvalCallback:
+        np.testing.assert_array_equal(rows["tasks"][..., 0], rows["results"])
+
+
+@KINDS
+def test_another_error_of_the_system_ends_the_training(tmp_path: Path, kind: type[ResumableEvalCallback]) -> None:
+    class Died(CycleEnv):
+        def step(self, action: Any) -> Any:
+            raise BrokenPipeError("the process died")
+
+    callback = kind(Monitor(Died()), log_path=str(tmp_path), eval_freq=10, n_eval_episodes=1, verbose=0)
+    with pytest.raises(BrokenPipeError, match="the process died"):
+        model_after(0).learn(10, callback)

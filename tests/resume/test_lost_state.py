@@ -11,7 +11,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecCheckNan
 
 from sb3_bruno import BrunoSAC
-from sb3_bruno.resume.checkpoint import ResumeCallback, resume
+from sb3_bruno.resume import ResumeCallback, resume
 from sb3_bruno_envs import MetaTask, TransitionObservation
 from support.resumed_runs import SETTINGS, point
 

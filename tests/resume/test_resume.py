@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import (
 )
 
 from sb3_bruno import BeliefSAC, BrunoSAC, PearlSAC, RecurrentCrossQ, RecurrentSAC, TaskSAC, VaribadSAC
-from sb3_bruno.resume.checkpoint import ResumeCallback, resume
+from sb3_bruno.resume import ResumeCallback, resume
 from support.resumed_runs import COMMON, SETTINGS, Die, fingerprint, point, scramble_random_states, tensors_of
 
 STEPS = 240
