@@ -23,6 +23,9 @@ Sample: TypeAlias = Callable[[np.random.Generator], ArrayLike]
 LARGEST = 1e9
 """Largest absolute value of a task's entry: products of larger ones overflow float32 in training."""
 
+_ROUNDED = "a whole number that float32, in which tasks are kept, changes to"
+_REMEDY = "give an index into a list of your own, or the number in two parts, such as divmod(number, 4096)"
+
 
 class TaskSet:
     """Draws tasks uniformly from a finite set per split.
@@ -35,8 +38,9 @@ class TaskSet:
             outside it are extrapolation, see ``inside_train_box``.
 
     Raises:
-        ValueError: if the tasks are empty, ragged, not finite, beyond 1e9, of different dimensions or outside
-            ``space``, or a training task is outside ``train_box``.
+        ValueError: if the tasks are empty, ragged, not finite, beyond 1e9, whole numbers that float32 does not hold, of
+            different dimensions or outside ``space``, different ones become the same float32 numbers, or a training
+            task is outside ``train_box``.
 
     Example:
         >>> directions = TaskSet([[-1.0], [1.0]])
@@ -225,11 +229,12 @@ def check_task(task: ArrayLike, space: Box, name: str) -> Task:
     """Return ``task`` as a new float32 vector ``(dim,)`` of ``space``.
 
     Raises:
-        ValueError: if its shape is not that of the space, or a value is not finite, beyond 1e9 or outside the bounds.
+        ValueError: if its shape is not that of the space, or a value is not finite, beyond 1e9, outside the bounds or a
+            whole number that float32 does not hold.
     """
     try:
-        vector = np.array(task, dtype=np.float32)
-    except (TypeError, ValueError) as error:
+        vector, given = np.array(task, dtype=np.float32), np.array(task, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} is {task!r}: give numbers, of shape {space.shape}.") from error
     if vector.shape != space.shape:
         raise ValueError(f"{name} has shape {vector.shape}: give the shape of the task space, {space.shape}.")
@@ -237,14 +242,16 @@ def check_task(task: ArrayLike, space: Box, name: str) -> Task:
         raise ValueError(f"{name} is {vector}, outside {space}: choose one inside, or widen task_space.")
     if (np.abs(vector) > LARGEST).any():
         raise ValueError(f"{name} is {vector}, and holds a number beyond {LARGEST:.0e}: give it in larger units.")
+    if _is_rounded_integer(given).any():
+        raise ValueError(f"{name} is {task!r}, {_ROUNDED} {vector.tolist()}: {_REMEDY}.")
     return vector
 
 
 def _task_matrix(tasks: ArrayLike, name: str) -> NDArray[np.float32]:
     """Return ``tasks`` as a read-only float32 array, ``(n, dim)``; a ValueError names the argument."""
     try:
-        matrix = np.array(tasks, dtype=np.float32)
-    except (TypeError, ValueError) as error:
+        matrix, given = np.array(tasks, dtype=np.float32), np.array(tasks, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} tasks are not an array of numbers: give (n, dim), all rows alike.") from error
     if matrix.ndim != 2 or matrix.size == 0:
         raise ValueError(
@@ -257,8 +264,23 @@ def _task_matrix(tasks: ArrayLike, name: str) -> NDArray[np.float32]:
     large = np.flatnonzero((np.abs(matrix) > LARGEST).any(axis=1)).tolist()
     if large:
         raise ValueError(f"{name} tasks hold numbers beyond {LARGEST:.0e} in rows {large}: give them in larger units.")
+    for row in np.flatnonzero(_is_rounded_integer(given).any(axis=1))[:1]:
+        raise ValueError(
+            f"{name} tasks hold {given[row].tolist()} in row {row}, {_ROUNDED} {matrix[row].tolist()}: {_REMEDY}."
+        )
+    if len(np.unique(matrix, axis=0)) < len(np.unique(given, axis=0)):
+        raise ValueError(
+            f"{name} tasks differ by less than float32 holds, in which tasks are kept, so that some become the same: "
+            "give each as its distance from a number that all share, or as an index into a list of your own."
+        )
     matrix.setflags(write=False)
     return matrix
+
+
+def _is_rounded_integer(numbers: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which numbers are integers, such as ids or seeds, that float32 changes to others."""
+    rounded: NDArray[np.bool_] = (numbers == np.round(numbers)) & (numbers.astype(np.float32) != numbers)
+    return rounded
 
 
 def _keys(tasks: NDArray[np.float32]) -> NDArray[np.void]:

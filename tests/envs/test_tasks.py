@@ -95,6 +95,13 @@ def test_sets_are_equal_by_value_even_after_pickling():
         ([[1.0]], [[1.0, 2.0]], "same number of columns"),
         ([[1.0], [-2e9]], None, r"train tasks hold numbers beyond 1e\+09 in rows \[1\]: give them in larger units"),
         ([[1.0]], [[1.0], [1e10]], r"test tasks hold numbers beyond 1e\+09 in rows \[1\]"),
+        (
+            [[1], [123456789]],
+            None,
+            r"train tasks hold \[123456789.0\] in row 1, .* to \[123456792.0\]: give an index into",
+        ),
+        ([[1.0]], [[1.0], [16777217.0]], r"test tasks hold \[16777217.0\] in row 1, .*: give an index into a list"),
+        ([[0.5], [0.5 + 1e-9]], None, "train tasks differ by less than float32 holds, .*: give each as its distance"),
     ],
 )
 def test_invalid_sets_are_refused_with_a_remedy(train, test, message):
@@ -161,8 +168,19 @@ def test_a_sampler_draws_each_split_with_its_own_function():
 
 @pytest.mark.parametrize(
     ("drawn", "message"),
-    [([2.0], "outside"), ([np.nan], "outside"), ([0.1, 0.2], r"shape \(2,\)"), (["a"], "give numbers")],
+    [
+        ([2.0], "outside"),
+        ([np.nan], "outside"),
+        ([0.1, 0.2], r"shape \(2,\)"),
+        (["a"], "give numbers"),
+        ([10**400], "give num"),
+    ],
 )
+def test_whole_numbers_that_float32_holds_are_kept_and_the_same_task_may_come_twice():
+    tasks = [[16777216], [16777218], [123456792], [0.1], [0.1], [2**29]]
+    assert TaskSet(tasks).tasks().tolist() == np.float32(tasks).tolist()
+
+
 def test_a_sampler_that_draws_a_wrong_task_is_told(drawn, message):
     with pytest.raises(ValueError, match=message):
         TaskSampler(lambda rng: drawn, UNIT).draw(np.random.default_rng(0))

@@ -216,3 +216,17 @@ def test_a_task_can_switch_in_mid_episode():
         env.switch_task([1.0])
     assert env.task.tolist() == [0.0, 1.0]
     assert env.reset()[1]["task"].tolist() == [0.0, 1.0]  # draw="fixed" keeps it
+
+
+@pytest.mark.parametrize("number", [16777217, 123456789, np.int64(2**24 + 1), 16777217.0])
+def test_a_whole_number_that_float32_would_change_is_refused_and_the_task_stays(number):
+    env = MetaTask(Recorder(), Recorder.set_task, [[5.0]], task_space=Box(0.0, 1e9, (1,)))
+    env.reset(seed=0)
+    with pytest.raises(
+        ValueError, match=r"options\['task'\] is \[.*\], a whole number that float32, .*: give an index"
+    ):
+        env.reset(options={"task": [number]})
+    with pytest.raises(ValueError, match=r"task is \[.*\], a whole number that float32, .* or the number in two parts"):
+        env.switch_task([number])
+    assert env.task.tolist() == [5.0]
+    assert env.switch_task([16777218])["task"].tolist() == [16777218.0]
