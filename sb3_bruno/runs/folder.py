@@ -33,7 +33,7 @@ class RunFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._is_new = False
+        self._made: list[Path] = []  # the folder and the parents made for it, innermost first
         self._lock = _locked(path)
 
     @classmethod
@@ -43,10 +43,11 @@ class RunFolder:
         Raises:
             FileExistsError: if there is one of this name, perhaps since a moment ago.
         """
+        made = [path, *(parent for parent in path.parents if not parent.exists())]
         path.parent.mkdir(parents=True, exist_ok=True)
         path.mkdir()
         folder = cls(path)
-        folder._is_new = True
+        folder._made = made
         return folder
 
     def begin(self) -> None:
@@ -59,10 +60,13 @@ class RunFolder:
         (self.path / UNFINISHED).unlink(missing_ok=True)
 
     def discard(self) -> None:
-        """Remove the folder, if this process made it; let go of it in any case."""
-        if self._is_new:
+        """Remove the folder, if this process made it, and the empty parents made for it; let go of it in any case."""
+        if self._made:
             shutil.rmtree(self.path, ignore_errors=True)
         self.release()
+        with suppress(OSError):  # at the first that others have put something into
+            for parent in self._made[1:]:
+                parent.rmdir()
 
     def release(self) -> None:
         """Let other processes train in the folder."""

@@ -78,7 +78,7 @@ def test_an_interrupt_before_the_training_leaves_no_folder(run, tmp_path, monkey
 
     monkeypatch.setattr(BrunoSAC, "_setup_model", interrupt)
     assert run(*tiny("--eval-freq", -1))[1] == "130"
-    assert not list(tmp_path.rglob("PointDir*"))
+    assert not list(tmp_path.iterdir())
 
 
 def test_two_trainings_that_start_together_have_folders_of_their_own(tmp_path, monkeypatch):

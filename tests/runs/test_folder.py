@@ -39,6 +39,20 @@ def test_a_folder_is_made_once_and_only_its_maker_discards_it(tmp_path):
     assert not path.exists()
 
 
+def test_of_its_parents_those_go_that_it_made_and_nobody_else_uses(tmp_path):
+    (tmp_path / "logs").mkdir()
+    first = RunFolder.make(tmp_path / "logs" / "mine" / "bruno_sac" / "PointDir-v0_1")
+    second = RunFolder.make(tmp_path / "logs" / "mine" / "pearl_sac" / "PointDir-v0_1")
+    first.discard()
+    assert [path.name for path in (tmp_path / "logs" / "mine").iterdir()] == ["pearl_sac"]
+    second.discard()
+    assert [path.name for path in (tmp_path / "logs" / "mine").iterdir()] == [], "which the first had made"
+    RunFolder.make(tmp_path / "logs" / "PointDir-v0_1").discard()
+    assert (tmp_path / "logs").is_dir(), "which was there before"
+    RunFolder.make(tmp_path / "new" / "bruno_sac" / "PointDir-v0_1").discard()
+    assert [path.name for path in tmp_path.iterdir()] == ["logs"]
+
+
 def test_a_held_folder_names_its_holder_until_that_dies(tmp_path):
     child = in_child(lambda: RunFolder(tmp_path))
     try:
