@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from sb3_bruno_envs.arguments import check_count, check_function
 from sb3_bruno_envs.naming import check_entries
-from sb3_bruno_envs.tasks import Split, Task, TaskDistribution, TaskSet, as_task_distribution
+from sb3_bruno_envs.tasks import Split, Task, TaskDistribution, TaskSet, as_task_distribution, as_task_space
 from sb3_bruno_envs.wrappers.meta_task import Draw, MetaTask
 from sb3_bruno_envs.wrappers.observations import TaskObservation, TransitionObservation
 from sb3_bruno_envs.wrappers.trial import Trial
@@ -121,7 +121,7 @@ class Family:
         own, task_sets = self.tasks_for(env_kwargs)
         if isinstance(tasks, str):
             own = tasks = self.named(tasks, task_sets)
-        space = own.space if task_space is None else task_space
+        space = own.space if task_space is None else as_task_space(task_space)
         bare = self._make_bare(**env_kwargs)
         meta = MetaTask(
             bare,

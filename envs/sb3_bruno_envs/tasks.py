@@ -64,7 +64,7 @@ class TaskSet:
                 "give both the same number of columns."
             )
         both = np.concatenate([self._train, self._test])  # (n + m, dim)
-        self.space = Box(both.min(axis=0), both.max(axis=0)) if space is None else _task_box(space)
+        self.space = Box(both.min(axis=0), both.max(axis=0)) if space is None else as_task_space(space)
         if self.space.shape != both.shape[1:]:
             raise ValueError(
                 f"tasks have {both.shape[1]} dimensions, the task space {self.space} has {self.space.shape[0]}: "
@@ -78,7 +78,7 @@ class TaskSet:
             "test": _keys(self._test).argsort(kind="stable"),
         }
         bounds = Box(self._train.min(axis=0), self._train.max(axis=0))
-        self.train_box = bounds if train_box is None else _task_box(train_box)
+        self.train_box = bounds if train_box is None else as_task_space(train_box)
         if self.train_box.shape != bounds.shape or not self.inside_train_box(self._train).all():
             raise ValueError(f"train_box={train_box} does not hold every training task: widen it to {bounds}.")
 
@@ -179,7 +179,7 @@ class TaskSampler:
         if not callable(self.sample):
             raise ValueError(f"sample={self.sample!r} is no function: pass sample(rng), which returns a task.")
         check_function("test_sample", self.test_sample, "test_sample(rng), which returns a task")
-        object.__setattr__(self, "space", _task_box(self.space))
+        object.__setattr__(self, "space", as_task_space(self.space))
 
     def draw(self, rng: np.random.Generator, split: Split = "train") -> Task:
         """Draw a task of the split, ``(dim,)``.
@@ -289,7 +289,7 @@ def _keys(tasks: NDArray[np.float32]) -> NDArray[np.void]:
     return rows.view(np.dtype((np.void, rows.itemsize * rows.shape[1]))).ravel()
 
 
-def _task_box(space: Box) -> Box:
+def as_task_space(space: Box) -> Box:
     """Return ``space`` with float32 bounds; a ValueError refuses all but a one-dimensional Box."""
     if not isinstance(space, Box) or len(space.shape) != 1:
         raise ValueError(f"the task space {space!r} is no vector space: give a Box of shape (dim,).")

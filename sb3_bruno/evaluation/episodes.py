@@ -67,12 +67,17 @@ def play_episodes(
         ValueError: if an argument is invalid, a reward is not finite, a success is none, or the environment ignores
             the task given to it.
     """
-    task_array = np.asarray(tasks, dtype=np.float32)
+    if not callable(make_env):
+        raise ValueError(f"make_env={make_env!r} is no function: give one without arguments that makes an environment.")
+    try:
+        task_array = np.asarray(tasks, dtype=np.float32)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"tasks={tasks!r} are no numbers: give an array (n_tasks, task_dim).") from error
     if task_array.ndim != 2 or task_array.size == 0:
         raise ValueError(f"tasks have shape {task_array.shape}: give at least one, as an array (n_tasks, task_dim).")
     for name, value in (("n_episodes", n_episodes), ("max_envs", max_envs)):
-        if value < 1:
-            raise ValueError(f"{name}={value} is not positive: give at least 1.")
+        if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
+            raise ValueError(f"{name}={value!r} is not positive and whole: give at least 1.")
     jobs = np.repeat(task_array, n_episodes, axis=0)  # tasks a, b and 2 episodes: a a b b
     first_seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
     size = min(max_envs, len(jobs))

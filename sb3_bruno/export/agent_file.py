@@ -7,6 +7,7 @@ is built by its algorithm's constructor, from plain arguments that the construct
 from __future__ import annotations
 
 import json
+import os
 import warnings
 from pathlib import Path
 
@@ -40,13 +41,15 @@ def save_agent(model: TaskInference, path: str | Path) -> None:
         path: where to write it, by custom ``NAME.agent``.
 
     Raises:
-        TypeError: if ``model`` is no algorithm with task inference.
+        TypeError: if ``model`` is no algorithm with task inference, or ``path`` no path.
         ValueError: if an argument of it is no plain data, such as a function, or a class that has no key; a weight is
             not finite; ``load_agent`` would refuse the file, as it does if the agent asks for much memory; or the file
             cannot be written.
     """
     if not isinstance(model, TaskInference):
         raise TypeError(f"`model={model!r}` is no agent that infers a task: save it by its own `save`.")
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"`path={path!r}` is no path: give the name of a file, such as 'mine.agent'.")
     try:
         written, tensors = write_agent(model)
         content = json.dumps(written, indent=1, allow_nan=False).encode(), safetensors.torch.save(tensors)

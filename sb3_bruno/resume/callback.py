@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import pathlib
 import warnings
+from numbers import Real
 
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -32,8 +34,8 @@ class ResumeCallback(BaseCallback):
         how_to_resume: what to do to go on from a checkpoint, for errors.
 
     Raises:
-        ValueError: if ``save_freq`` is not positive, the model is not off-policy, ``path`` cannot be written, or a
-            callback that is none of SB3's calls this one and does not tell it of rollouts.
+        ValueError: if ``path`` is none or cannot be written, ``save_freq`` is not positive, the model is not
+            off-policy, or a callback that is none of SB3's calls this one and does not tell it of rollouts.
     """
 
     def __init__(
@@ -45,8 +47,11 @@ class ResumeCallback(BaseCallback):
         how_to_resume: str = "resume from the older checkpoint there",
     ) -> None:
         super().__init__(verbose)
-        if not save_freq >= 1:  # NaN is not
-            raise ValueError(f"save_freq={save_freq} is not positive: give the env steps between two checkpoints.")
+        if not isinstance(path, str | os.PathLike):
+            raise ValueError(f"path={path!r} is no path: give the name of the checkpoint file.")
+        is_number = isinstance(save_freq, Real) and not isinstance(save_freq, bool)
+        if not is_number or not save_freq >= 1:  # nor is NaN
+            raise ValueError(f"save_freq={save_freq!r} is not positive: give the env steps between two checkpoints.")
         self.path = pathlib.Path(path)
         self.save_freq = save_freq
         self.how_to_resume = how_to_resume

@@ -100,6 +100,7 @@ def test_a_task_space_that_is_none_is_refused(space):
         meta,
         lambda task_space: TaskSet(TASKS, space=task_space),
         lambda task_space: sampler(space=task_space),
+        lambda task_space: family()(task_space=task_space),
     ):
         with pytest.raises(ValueError, match=r"task space .* is no vector space: give a Box"):
             make(task_space=space)

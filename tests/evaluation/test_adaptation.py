@@ -183,7 +183,11 @@ def test_what_a_wrapper_around_a_trial_has_not_seen_is_told() -> None:
     [
         ({"tasks": [1.0, 2.0]}, r"tasks have shape \(2,\): give at least one"),
         ({"tasks": np.zeros((0, 2))}, r"tasks have shape \(0, 2\)"),
+        ({"tasks": "a"}, "tasks='a' are no numbers: give an array"),
         ({"n_episodes": 0}, "n_episodes=0 is not positive"),
+        ({"n_episodes": 1.5}, "n_episodes=1.5 is not positive and whole: give at least 1"),
+        ({"n_episodes": True}, "n_episodes=True is not positive and whole"),
+        ({"make_env": GainEnv()}, "make_env=.* is no function: give one without arguments"),
         ({"max_envs": -1}, "max_envs=-1 is not positive"),
         ({"make_env": DeafEnv}, r"was given task \[1\. 2\.\] and names \[1000\..* takes reset\(options="),
         ({"tasks": [[np.inf, 1.0]]}, "reward at step 0 is not finite"),

@@ -204,6 +204,8 @@ def test_what_would_not_be_loaded_is_not_saved(tmp_path):
 def test_what_is_no_agent_or_no_path_is_refused(tmp_path):
     with pytest.raises(TypeError, match="no agent that infers a task"):
         save_agent(nn.Linear(1, 1), tmp_path / "point.agent")
+    with pytest.raises(TypeError, match="`path=5` is no path: give the name of a file"):
+        save_agent(made(PearlSAC, make_point()), 5)
     with pytest.raises(ValueError, match="cannot be written"):
         save_agent(made(PearlSAC, make_point()), tmp_path)
 

@@ -165,6 +165,18 @@ def test_a_path_that_cannot_be_written_is_refused_before_the_training(tmp_path, 
     assert model.num_timesteps == 0 and [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+@pytest.mark.parametrize("path", [None, 5, b"checkpoint.pkl"])
+def test_a_path_that_is_none_is_refused(path):
+    with pytest.raises(ValueError, match=f"path={path!r} is no path: give the name of the checkpoint file"):
+        ResumeCallback(path, 5)
+
+
+@pytest.mark.parametrize("save_freq", ["a", True, None, 0, np.nan])
+def test_a_frequency_that_counts_no_steps_is_refused(save_freq):
+    with pytest.raises(ValueError, match=f"save_freq={save_freq!r} is not positive: give the env steps between two"):
+        ResumeCallback("checkpoint.pkl", save_freq)
+
+
 def test_a_checkpoint_that_is_there_stays_until_the_next(tmp_path):
     path = tmp_path / "checkpoint.pkl"
     path.write_bytes(b"older")
