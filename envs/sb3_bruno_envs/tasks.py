@@ -39,8 +39,7 @@ class TaskSet:
 
     Raises:
         ValueError: if the tasks are empty, ragged, not finite, beyond 1e9, whole numbers that float32 does not hold, of
-            different dimensions or outside ``space``, different ones become the same float32 numbers, or a training
-            task is outside ``train_box``.
+            different dimensions or outside ``space``, or a training task is outside ``train_box``.
 
     Example:
         >>> directions = TaskSet([[-1.0], [1.0]])
@@ -267,11 +266,6 @@ def _task_matrix(tasks: ArrayLike, name: str) -> NDArray[np.float32]:
     for row in np.flatnonzero(_is_rounded_integer(given).any(axis=1))[:1]:
         raise ValueError(
             f"{name} tasks hold {given[row].tolist()} in row {row}, {_ROUNDED} {matrix[row].tolist()}: {_REMEDY}."
-        )
-    if len(np.unique(matrix, axis=0)) < len(np.unique(given, axis=0)):
-        raise ValueError(
-            f"{name} tasks differ by less than float32 holds, in which tasks are kept, so that some become the same: "
-            "give each as its distance from a number that all share, or as an index into a list of your own."
         )
     matrix.setflags(write=False)
     return matrix
