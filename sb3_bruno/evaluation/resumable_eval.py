@@ -124,6 +124,7 @@ class ResumableEvalCallback(EvalCallback):
         log_path, best_path = self.log_path, self.best_model_save_path
         self._told: list[float] = []  # the success of each episode of this evaluation
         successes: list[Any] = self.evaluations_successes
+        continue_training = True  # also if the disk is full
         with self._full_disk_told(), ExitStack() as whole:
             try:
                 if log_path is not None:
@@ -134,13 +135,12 @@ class ResumableEvalCallback(EvalCallback):
                 continue_training = super()._on_step()
                 if self.log_path is not None:
                     self._save_successes([*successes, self._told])
-                return continue_training
             finally:
                 if len(self.evaluations_results) > len(successes):
                     successes.append(self._told)
                 self.evaluations_successes = successes
                 self.log_path, self.best_model_save_path = log_path, best_path
-        return True  # the disk was full
+        return continue_training
 
     @contextmanager
     def _full_disk_told(self) -> Iterator[None]:

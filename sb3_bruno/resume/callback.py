@@ -6,6 +6,7 @@ import os
 import pathlib
 import warnings
 from numbers import Real
+from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -49,8 +50,8 @@ class ResumeCallback(BaseCallback):
         super().__init__(verbose)
         if not isinstance(path, str | os.PathLike):
             raise ValueError(f"path={path!r} is no path: give the name of the checkpoint file.")
-        is_number = isinstance(save_freq, Real) and not isinstance(save_freq, bool)
-        if not is_number or not save_freq >= 1:  # nor is NaN
+        given: Any = save_freq
+        if isinstance(given, bool) or not isinstance(given, Real) or not given >= 1:  # NaN is not
             raise ValueError(f"save_freq={save_freq!r} is not positive: give the env steps between two checkpoints.")
         self.path = pathlib.Path(path)
         self.save_freq = save_freq
