@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 import pathlib
 import warnings
-from numbers import Real
-from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
+from sb3_bruno.algorithms.values import is_number
 from sb3_bruno.files.whole import check_writable, not_written
 from sb3_bruno.resume.checkpoint import save_checkpoint
 
@@ -50,8 +49,7 @@ class ResumeCallback(BaseCallback):
         super().__init__(verbose)
         if not isinstance(path, str | os.PathLike):
             raise ValueError(f"path={path!r} is no path: give the name of the checkpoint file.")
-        given: Any = save_freq
-        if isinstance(given, bool) or not isinstance(given, Real) or not given >= 1:  # NaN is not
+        if not (is_number(save_freq) and save_freq >= 1):  # NaN is not
             raise ValueError(f"save_freq={save_freq!r} is not positive: give the env steps between two checkpoints.")
         self.path = pathlib.Path(path)
         self.save_freq = save_freq
