@@ -37,20 +37,24 @@ def check_step_tasks(infos: Sequence[dict[str, Any]], buffer: TaskReplayBuffer, 
     Raises:
         ValueError: if a task is no vector of the task space, or another than that of the step before in its episode.
     """
-    before = buffer.last_tasks() if buffer.episodes.lengths.any() else None
-    for i, info in enumerate(infos):
-        if "task" not in info:
-            continue
-        task = read_numbers(f"info['task'] of env {i}", info["task"]).ravel()
+    if not all("task" in info for info in infos):
+        return
+    tasks = [read_numbers(f"info['task'] of env {i}", info["task"]).ravel() for i, info in enumerate(infos)]
+    for i, task in enumerate(tasks):
         if task.shape != task_space.shape:
             raise ValueError(
                 f"The task of env {i} is {task}, and the `task_space` has {task_space.shape[0]} numbers: give as many."
             )
-        if before is not None and buffer.episodes.lengths[i] > 0 and (np.abs(task - before[i]) > 0).any():
-            raise ValueError(
-                f"The task of env {i} changed from {before[i]} to {task} within an episode: an episode has one task, "
-                "so end it there."
-            )
+    is_running = buffer.episodes.lengths > 0
+    if not is_running.any():
+        return
+    before = buffer.last_tasks()
+    has_changed = is_running & (np.abs(np.stack(tasks) - before) > 0).any(axis=1)
+    for i in np.flatnonzero(has_changed).tolist():
+        raise ValueError(
+            f"The task of env {i} changed from {before[i]} to {tasks[i]} within an episode, which has one: "
+            "end the episode there."
+        )
 
 
 @contextmanager

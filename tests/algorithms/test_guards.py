@@ -56,7 +56,10 @@ class OtherTask(gym.Wrapper):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda task: -task, r"The task of env 0 changed from \[.*\] to \[.*\] within an episode: .*end it there"),
+        (
+            lambda task: -task,
+            r"The task of env 0 changed from \[.*\] to \[.*\] within an episode, .*end the episode there",
+        ),
         (lambda task: np.append(task, 5), r"The task of env 0 is \[.* 5.\], and the `task_space` has 2 numbers"),
         (lambda task: ["forward"], r"`info\['task'\] of env 0` is no array of numbers"),
     ],
