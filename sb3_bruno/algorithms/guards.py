@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
@@ -16,12 +17,16 @@ from sb3_bruno.algorithms.reading import read_numbers
 from sb3_bruno.buffers import TaskReplayBuffer
 
 
-def has_moved(env: VecEnv, buffer: TaskReplayBuffer) -> bool:
+def has_moved(env: VecEnv, n_steps: NDArray[np.int64] | None) -> bool:
     """Tell whether an env is at another step than the agent's last, and warn if so.
 
     Where envs do not count their steps, as ``TransitionObservation`` does, nothing can be told.
+
+    Args:
+        env: the envs.
+        n_steps: how many steps the agent has taken in the running episodes, (n_envs,). None: nobody knows.
     """
-    if not env.has_attr("episode_steps") or env.get_attr("episode_steps") == buffer.episodes.lengths.tolist():
+    if n_steps is None or not env.has_attr("episode_steps") or env.get_attr("episode_steps") == n_steps.tolist():
         return False
     warnings.warn(
         "Since the agent last learned, someone else has stepped or reset its env, such as an evaluation: learning goes "
@@ -29,6 +34,15 @@ def has_moved(env: VecEnv, buffer: TaskReplayBuffer) -> bool:
         stacklevel=4,
     )
     return True
+
+
+def warn_of_empty_episodes(n_episodes: int) -> None:
+    """Warn that there was nothing to infer a task from."""
+    warnings.warn(
+        f"{n_episodes} episodes have ended, and none held a transition to infer the task from, for each ends after one "
+        "step: let (inner) episodes be longer.",
+        stacklevel=3,
+    )
 
 
 def check_step_tasks(infos: Sequence[dict[str, Any]], buffer: TaskReplayBuffer, task_space: spaces.Box) -> None:

@@ -5,10 +5,10 @@ It carries the belief in rollouts. ``encoder_training.py`` trains the encoder, a
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from typing import Any, ClassVar, TypeVar, cast
 
+import numpy as np
 import torch as th
 from numpy.typing import NDArray
 from stable_baselines3.common.buffers import ReplayBuffer
@@ -19,6 +19,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, MaybeCallback, RolloutReturn, Schedule
 from stable_baselines3.common.vec_env import VecEnv
 
+from sb3_bruno.algorithms import guards
 from sb3_bruno.algorithms.arguments import check_names, join_policy_kwargs, resolve_policy
 from sb3_bruno.algorithms.belief_queries import BeliefQueries
 from sb3_bruno.algorithms.carried import Carried, State
@@ -31,7 +32,6 @@ from sb3_bruno.algorithms.checks import (
     read_task_space,
     warn_of_missing_trial,
 )
-from sb3_bruno.algorithms.guards import check_step_tasks, finite_statistics, has_moved
 from sb3_bruno.algorithms.policies import TaskInferencePolicy
 from sb3_bruno.algorithms.policy_arguments import check_policy_kwargs
 from sb3_bruno.algorithms.rehearsal import warn_of_task_without_effect
@@ -79,6 +79,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
     """
 
     policy: TaskInferencePolicy
+    _n_episode_steps: NDArray[np.int64] | None = None  # in the running episodes, (n_envs,); None: of an older agent
     ent_coef_optimizer: th.optim.Adam | None
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {}
     default_encoder: ClassVar[str | type[TaskEncoder]] = "bruno"
@@ -185,7 +186,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
     ) -> tuple[int, BaseCallback]:
         self.bind_buffer()  # a copied or unpickled buffer has lost its encoder
         starts_anew = reset_num_timesteps or self._last_obs is None
-        if not starts_anew and self.env is not None and has_moved(self.env, self.replay_buffer):
+        if not starts_anew and self.env is not None and guards.has_moved(self.env, self._n_episode_steps):
             starts_anew, self._last_obs = True, None
         if starts_anew and self.env is not None:
             # Before the reset, which restores what a copy may share with its original.
@@ -196,6 +197,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         self.replay_buffer.family = family_of(self.env)
         if starts_anew:
             self._carried = None
+            self._n_episode_steps = np.zeros(self.n_envs, dtype=np.int64)
             self.replay_buffer.episodes.cut()
             assert self.env is not None  # for mypy
             check_task_infos(self.env)
@@ -226,12 +228,14 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         dones: NDArray[Any],
         infos: list[dict[str, Any]],
     ) -> None:
-        check_step_tasks(infos, self.replay_buffer, self.task_space)
+        guards.check_step_tasks(infos, self.replay_buffer, self.task_space)
         super()._store_transition(replay_buffer, buffer_action, new_obs, reward, dones, infos)
         if not self._has_absorbed:
             self._look_for_what_is_absorbed(new_obs, dones)
         self._carried = self._next_carried
         self._last_episode_starts = dones
+        if self._n_episode_steps is not None:
+            self._n_episode_steps = np.where(dones, 0, self._n_episode_steps + 1)
 
     def _look_for_what_is_absorbed(self, new_obs: NDArray[Any] | dict[str, NDArray[Any]], dones: NDArray[Any]) -> None:
         """Warn, once, if episodes end one after another in which no transition led to an action."""
@@ -239,11 +243,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         self._has_absorbed = bool((new_obs["episode_start"] == 0).any())
         self._n_empty_episodes += int(dones.sum())
         if not self._has_absorbed and self._n_empty_episodes >= ENOUGH_EPISODES:
-            warnings.warn(
-                f"{self._n_empty_episodes} episodes have ended, and none held a transition to infer the task from, for "
-                "each ends after one step: let (inner) episodes be longer.",
-                stacklevel=2,
-            )
+            guards.warn_of_empty_episodes(self._n_empty_episodes)
             self._has_absorbed = True
 
     def collect_rollouts(self, *args: Any, **kwargs: Any) -> RolloutReturn:
@@ -254,7 +254,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         """
         continues = False
         try:
-            with finite_statistics(self._vec_normalize_env):
+            with guards.finite_statistics(self._vec_normalize_env):
                 rollout = super().collect_rollouts(*args, **kwargs)
             continues = rollout.continue_training
         finally:
