@@ -10,6 +10,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_bruno import BrunoSAC, RecurrentSAC
+from sb3_bruno.algorithms.guards import has_moved
 from support.tiny_models import POINT, TRIAL, tiny
 
 EVALUATED = r"someone else has stepped or reset its env"
@@ -37,6 +38,10 @@ def test_without_one_the_episode_goes_on():
         warnings.simplefilter("error")
         model.learn(10, reset_num_timesteps=False)
     assert model.replay_buffer.episodes.lengths.tolist() == [25]
+
+
+def test_of_an_agent_that_counted_no_steps_nothing_is_told():
+    assert not has_moved(make_vec_env(POINT, 1), None)
 
 
 class OtherTask(gym.Wrapper):
