@@ -73,7 +73,7 @@ class ReadoutTraining(EncoderTraining):
         """Seed as SB3 does, and what draws from the replay buffer."""
         super().set_random_seed(seed)
         if seed is not None and self.replay_buffer is not None:  # of a model that is complete
-            self.replay_buffer.rng, self._readout_rng = random_generator(seed), random_generator(seed)
+            self.replay_buffer.rng, self._readout_rng = random_generator(), random_generator(seed)
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Update the encoder and the actor-critic, and every eighth time the read-out of the task.
