@@ -7,4 +7,6 @@ import numpy as np
 
 def random_generator(seed: int | None = None) -> np.random.Generator:
     """Make a generator from a seed; None: from NumPy's global state, which SB3's ``set_random_seed`` seeds."""
-    return np.random.default_rng(np.random.randint(2**31) if seed is None else seed)  # noqa: NPY002
+    if seed is None:
+        seed = np.random.randint(2**31)  # noqa: NPY002  # it is this state, and no generator, that SB3 seeds
+    return np.random.default_rng(seed)
