@@ -46,6 +46,7 @@ def init(options: argparse.Namespace) -> None:
     with told_as_mistake():
         import_packages(packages)  # which may name the encoder
         config = merged(fitted_to_encoder(options.algo, config, given), given)
+        config = {"n_timesteps": options.n_timesteps, **config}  # where it has none, `best` writes a trial's
         check_config(config)
     settings: SweepSettings = {
         "algo": options.algo,

@@ -70,11 +70,17 @@ def play_episodes(
     if not callable(make_env):
         raise ValueError(f"make_env={make_env!r} is no function: give one without arguments that makes an environment.")
     try:
-        task_array = np.asarray(tasks, dtype=np.float32)
+        given = np.asarray(tasks)
+        task_array = given.astype(np.float32)
     except (TypeError, ValueError) as error:
         raise ValueError(f"tasks={tasks!r} are no numbers: give an array (n_tasks, task_dim).") from error
     if task_array.ndim != 2 or task_array.size == 0:
         raise ValueError(f"tasks have shape {task_array.shape}: give at least one, as an array (n_tasks, task_dim).")
+    for row in np.flatnonzero((task_array != given).any(axis=1)) if given.dtype.kind in "iu" else ():
+        raise ValueError(
+            f"tasks[{row}]={given[row].tolist()} becomes {task_array[row].tolist()} in float32: give whole numbers "
+            "that it holds, such as all up to 2^24."
+        )
     for name, value in (("n_episodes", n_episodes), ("max_envs", max_envs)):
         if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
             raise ValueError(f"{name}={value!r} is not positive and whole: give at least 1.")

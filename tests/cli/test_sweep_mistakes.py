@@ -140,6 +140,12 @@ def test_a_config_may_have_a_default_for_all_environments(folder):
     assert load_study("x.log", "s").user_attrs[SETTINGS]["config"] == {"policy": "MlpPolicy", "n_timesteps": 64}
 
 
+def test_a_config_without_a_number_of_steps_has_a_trials(folder):
+    (folder / "my.yml").write_text(yaml.safe_dump({"default": {"policy": "MlpPolicy"}}))
+    main([*INIT, "-conf", "my.yml"])
+    assert load_study("x.log", "s").user_attrs[SETTINGS]["config"] == {"policy": "MlpPolicy", "n_timesteps": 120}
+
+
 def test_an_environment_that_nobody_registered_is_one_line(folder):
     (folder / "my.yml").write_text(yaml.safe_dump({"Mine-v0": {"policy": "MlpPolicy", "n_timesteps": 64}}))
     own = ["sweep", "init", *CHOSEN, "--env", "Mine-v0", "-n", "120", "-conf", "my.yml"]

@@ -183,6 +183,7 @@ def test_what_a_wrapper_around_a_trial_has_not_seen_is_told() -> None:
     [
         ({"tasks": [1.0, 2.0]}, r"tasks have shape \(2,\): give at least one"),
         ({"tasks": np.zeros((0, 2))}, r"tasks have shape \(0, 2\)"),
+        ({"tasks": [[1, 2], [3, 2**24 + 1]]}, r"tasks\[1\]=\[3, 16777217\] becomes \[3\.0, 16777216\.0\] in float32"),
         ({"tasks": "a"}, "tasks='a' are no numbers: give an array"),
         ({"n_episodes": 0}, "n_episodes=0 is not positive"),
         ({"n_episodes": 1.5}, "n_episodes=1.5 is not positive and whole: give at least 1"),
