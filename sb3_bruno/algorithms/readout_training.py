@@ -203,11 +203,10 @@ class ReadoutTraining(EncoderTraining):
             env=self._vec_normalize_env,
         )
         transitions, tasks, weights = told.sequences
-        with th.no_grad():
-            features = readout.prefix_features(self.encoder, transitions, weights)
         columns, counts = _draw_columns(told.is_read, self._readout_rng)
-        places, counted, is_spared = to_device([columns, counts, told.is_spared[:, None]], self.device)
-        features = features.take_along_dim(places.long().unsqueeze(-1), dim=1)
+        lengths, counted, is_spared = to_device([columns, counts, told.is_spared[:, None]], self.device)
+        with th.no_grad():
+            features = readout.prefix_features(self.encoder, transitions, weights, lengths.long())
         loss = readout.loss(features, tasks, counted, is_spared > 0)
         self.readout_optimizer.zero_grad()
         loss.backward()

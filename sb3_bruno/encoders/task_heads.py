@@ -48,7 +48,7 @@ class GaussianHead(nn.Module):
         mean, std = self.standardize.mean + unit * mean, unit * (LEAST_NOISE_VAR**0.5 + F.softplus(scale))
         if self.logits is None:
             return Independent(Normal(mean.squeeze(-2), std.squeeze(-2)), 1)
-        return MixtureSameFamily(Categorical(logits=self.logits(features)), Independent(Normal(mean, std), 1))
+        return mixture_of_gaussians(self.logits(features), mean, std)
 
     def moments(self, tasks: Distribution) -> Tensor:
         """Return mean and log-variance of the standardised task, shape (..., 2 task_dim)."""
@@ -102,6 +102,11 @@ class OneHotHead(nn.Module):
     def moments(self, tasks: Distribution) -> Tensor:
         """Return the tasks' probabilities, shape (..., task_dim)."""
         return tasks.mean
+
+
+def mixture_of_gaussians(logits: Tensor, means: Tensor, stds: Tensor) -> MixtureSameFamily:
+    """Join Gaussians, (..., n_components, task_dim), with the logits (..., n_components) of the choice between them."""
+    return MixtureSameFamily(Categorical(logits=logits), Independent(Normal(means, stds), 1))
 
 
 def make_head(name: TaskHeadName, feature_dim: int, task_dim: int) -> GaussianHead | OneHotHead:

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 
 import torch as th
 from torch import Tensor, nn
-from torch.distributions import Categorical, Independent, MixtureSameFamily, Normal
+from torch.distributions import Categorical, MixtureSameFamily
 from torch.nn import functional as F
 from zuko.nn import MLP
 
 from sb3_bruno.encoders.abilities import HasPosterior
-from sb3_bruno.encoders.base import TaskEncoder, Transitions
-from sb3_bruno.encoders.task_heads import GaussianHead
+from sb3_bruno.encoders.base import TaskEncoder, Transitions, map_memory
+from sb3_bruno.encoders.task_heads import GaussianHead, mixture_of_gaussians
 from sb3_bruno.maths.standardize import Standardize
 
 N_COMPONENTS = 4
@@ -68,20 +68,27 @@ class TaskReadout(nn.Module, ABC):
         return th.cat([mean, log_var.clamp(-LARGEST_LOG_VAR, LARGEST_LOG_VAR)], dim=-1)
 
     @classmethod
-    def prefix_features(cls, encoder: TaskEncoder, transitions: Transitions, weights: Tensor | None) -> Tensor:
-        """Return the features of the first 0, 1, ..., time transitions, (..., time + 1, feature_dim).
+    def prefix_features(
+        cls, encoder: TaskEncoder, transitions: Transitions, weights: Tensor | None, lengths: Tensor
+    ) -> Tensor:
+        """Return the features of the first so many transitions, (batch, n, feature_dim).
 
         The memories, which may be large, are made only where there is a posterior to read off them.
 
         Args:
             encoder: reads the transitions.
-            transitions: shape (..., time, dim).
-            weights: as ``prefixes`` of the encoder takes them, (..., time).
+            transitions: shape (batch, time, dim).
+            weights: as ``prefixes`` of the encoder takes them, (batch, time).
+            lengths: how many transitions, 0 to time, (batch, n), int64.
         """
+
+        def chosen(states: Tensor) -> Tensor:
+            return states.take_along_dim(lengths.reshape(*lengths.shape, *[1] * (states.ndim - 2)), dim=1)
+
         if isinstance(encoder, HasPosterior):
-            return cls.features(encoder, encoder.prefixes(transitions, weights))
-        no_noise = encoder.empty((*transitions.rewards.shape[:-2], 1))
-        return encoder.prefix_beliefs(transitions, weights, no_noise)
+            return cls.features(encoder, map_memory(chosen, encoder.prefixes(transitions, weights)))
+        no_noise = encoder.empty((len(lengths), 1))
+        return chosen(encoder.prefix_beliefs(transitions, weights, no_noise))
 
     def read(self, encoder: TaskEncoder, memory: Any) -> Reading:
         """Read the task off a memory, batch shape (...)."""
@@ -142,10 +149,9 @@ class DensityReadout(TaskReadout):
             self.head.update(tasks)
         wanted = tasks.unsqueeze(-2)
         # Not widened: else the head would learn to be as much too sure as it is widened.
-        fitted = self._fitted(features).log_prob(wanted)
-        with th.no_grad():
-            known = self._fitted(features)
-        nats = th.where(is_spared, self._widened(known).log_prob(wanted), fitted)
+        fitted = self._fitted(features)
+        known = mixture_of_gaussians(*(part.detach() for part in _parts(fitted)))
+        nats = th.where(is_spared, self._widened(known).log_prob(wanted), fitted.log_prob(wanted))
         return -(counts * nats).sum() / counts.sum().clamp(min=1)
 
     def error(self, reading: Reading, tasks: Tensor) -> Tensor:
@@ -158,10 +164,14 @@ class DensityReadout(TaskReadout):
         return told
 
     def _widened(self, fitted: MixtureSameFamily) -> MixtureSameFamily:
-        components: Any = fitted.component_distribution
-        each = components.base_dist
-        widened = Independent(Normal(each.loc, each.scale * self.log_widen.exp()), 1)
-        return MixtureSameFamily(fitted.mixture_distribution, widened)
+        logits, means, stds = _parts(fitted)
+        return mixture_of_gaussians(logits, means, stds * self.log_widen.exp())
+
+
+def _parts(mixture: MixtureSameFamily) -> tuple[Tensor, Tensor, Tensor]:
+    """Return logits, means and standard deviations of a mixture of Gaussians."""
+    components: Any = mixture.component_distribution
+    return mixture.mixture_distribution.logits, components.base_dist.loc, components.base_dist.scale
 
 
 class ListReadout(TaskReadout):
