@@ -67,7 +67,7 @@ class TaskInference(BeliefQueries, Saving, OffPolicyAlgorithm):
         critic_input: what critics read beside observation and action: "task", "belief" or "both". None: "belief" where
             the encoder learns from the critics, else "task".
         task_readout: whether a small head learns to read the task off the belief, for ``task_estimate``. It teaches
-            the encoder nothing, and costs about a twentieth of the updates' time.
+            the encoder nothing, and costs about a tenth of the updates' time.
         **kwargs: keyword arguments of the algorithm that this is mixed into.
 
     An encoder that learns from the critics' or the actor's loss is updated with them, once per encode: batch size,
