@@ -140,7 +140,7 @@ class DensityReadout(TaskReadout):
         self.log_widen = nn.Parameter(th.zeros(task_dim))
 
     def forward(self, features: Tensor) -> Reading:
-        told = self._widened(self._fitted(features))
+        told = self._widened(*_parts(self._fitted(features)))
         return Reading(told.mean, told.stddev, None)
 
     def loss(self, features: Tensor, tasks: Tensor, counts: Tensor, is_spared: Tensor) -> Tensor:
@@ -150,8 +150,8 @@ class DensityReadout(TaskReadout):
         wanted = tasks.unsqueeze(-2)
         # Not widened: else the head would learn to be as much too sure as it is widened.
         fitted = self._fitted(features)
-        known = mixture_of_gaussians(*(part.detach() for part in _parts(fitted)))
-        nats = th.where(is_spared, self._widened(known).log_prob(wanted), fitted.log_prob(wanted))
+        widened = self._widened(*(part.detach() for part in _parts(fitted)))
+        nats = th.where(is_spared, widened.log_prob(wanted), fitted.log_prob(wanted))
         return -(counts * nats).sum() / counts.sum().clamp(min=1)
 
     def error(self, reading: Reading, tasks: Tensor) -> Tensor:
@@ -163,13 +163,12 @@ class DensityReadout(TaskReadout):
         told: MixtureSameFamily = self.head(self._joined(features))
         return told
 
-    def _widened(self, fitted: MixtureSameFamily) -> MixtureSameFamily:
-        logits, means, stds = _parts(fitted)
+    def _widened(self, logits: Tensor, means: Tensor, stds: Tensor) -> MixtureSameFamily:
         return mixture_of_gaussians(logits, means, stds * self.log_widen.exp())
 
 
 def _parts(mixture: MixtureSameFamily) -> tuple[Tensor, Tensor, Tensor]:
-    """Return logits, means and standard deviations of a mixture of Gaussians."""
+    """Return logits, means and standard deviations, as ``mixture_of_gaussians`` takes them."""
     components: Any = mixture.component_distribution
     return mixture.mixture_distribution.logits, components.base_dist.loc, components.base_dist.scale
 

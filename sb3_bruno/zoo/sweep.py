@@ -59,7 +59,7 @@ class SweepExperiment(TaskExperiment):
 
     def read_hyperparameters(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Return the study's hyperparameters, checked. The config files on a worker's machine may differ."""
-        check_hyperparameters(self.algo, {"n_timesteps": self.n_timesteps, **self._config})
+        check_hyperparameters(self.algo, self._config)
         return copy.deepcopy(self._config), self._config
 
     def create_log_folder(self) -> None:
