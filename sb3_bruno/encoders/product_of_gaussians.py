@@ -140,9 +140,7 @@ class ProductOfGaussians(TaskEncoder[ProductMemory]):
         return z if self._exploration_episodes is None else th.where(memory.episodes > 0, memory.held, z)
 
     def redraw(self, memory: ProductMemory) -> ProductMemory:
-        if self._belief != "sample":
-            return memory
-        return memory._replace(noise=th.randn_like(memory.noise))
+        return memory._replace(noise=th.randn_like(memory.noise)) if self._belief == "sample" else memory
 
     def with_noise_of(self, memory: ProductMemory, other: ProductMemory) -> ProductMemory:
         return memory._replace(
